@@ -22,8 +22,14 @@ TICK_S = TICK_NS * 1e-9
 PLC_TICKS = 8
 """Ticks in one PLC, field-bus and position-controller cycle (400 µs, 2.5 kHz)."""
 
+PLC_S = PLC_TICKS * TICK_S
+"""Length of one PLC cycle [s]."""
+
 VELOCITY_TICKS = 4
 """Ticks in one cycle of the drive's velocity controller (200 µs, 5 kHz)."""
+
+VELOCITY_S = VELOCITY_TICKS * TICK_S
+"""Length of one cycle of the velocity controller [s]."""
 
 POSE_TICKS = 200
 """Ticks between two recorded sets of body poses (100 Hz): for the eye only."""
