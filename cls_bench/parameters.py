@@ -366,6 +366,11 @@ class Drive(Section):
     speed_filter_time: float = quantity(
         0.0004, "s", "time constant of the speed filter", "assumed: two velocity cycles", ge=0, live=True
     )
+    voltage_latency: int = quantity(
+        1, "ticks", "ticks of 50 µs from the current sample to the voltage it leads to",
+        "assumed: computed in one period, put out in the next", ge=0, le=16,
+    )  # fmt: skip
+    set_torque: float = quantity(0.0, "N·m", "torque asked for in torque mode", "chosen", live=True)
     feed_forward_velocity: bool = quantity(
         True, "1", "feed the set velocity forward to the velocity controller", "thesis 3.6.1", live=True
     )

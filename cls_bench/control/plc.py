@@ -1,0 +1,111 @@
+"""PLC: the outer loop. Load cell counts → pilot torque → feel model → kinematic chain → field bus (thesis 3.6.2)."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from cls_bench.compiled import compiled
+from cls_bench.control import feel, latch
+from cls_bench.control.kinematic_chain import column_from_motor, motor_from_column, units_per_radian
+from cls_bench.kinematics import polynomial
+
+POSITION_LOOP, VELOCITY_LOOP = range(2)
+"""Architectures of the outer loop."""
+
+COMMAND_POSITION, COMMAND_VELOCITY, COMMAND_ACCELERATION, COMMAND_TORQUE = range(4)
+"""Slots of a command frame: PLCopen units, units/s, units/s², N·m at the motor."""
+
+FEEDBACK_POSITION, FEEDBACK_VELOCITY = range(2)
+"""Slots of a feedback frame: PLCopen units, units/s."""
+
+NO_TRIP, LIMIT_SWITCH, FOLLOWING_ERROR = range(3)
+"""Why the PLC switched the drive off."""
+
+STATE = np.dtype(
+    [
+        # measured
+        ("force", np.float64),  # force in the rod [N]
+        ("torque", np.float64),  # T_meas, unbalance removed [N·m]
+        ("angle", np.float64),  # column angle from the encoder [rad]
+        ("velocity", np.float64),  # column velocity from the encoder [rad/s]
+        # asked for
+        ("set_angle", np.float64),  # [rad]
+        ("set_velocity", np.float64),  # [rad/s]
+        ("set_acceleration", np.float64),  # [rad/s²]
+        ("set_torque", np.float64),  # additional torque at the column [N·m]
+        # safety
+        ("trip", np.int64),
+    ]
+)
+
+
+@compiled
+def measure(p: Any, bar: Any, poly: Any, unbalance: float, newtons_per_count: float, samples: Any, bus: Any, cycle: int, state: Any) -> None:
+    """From counts and the encoder, as it arrives over the bus, to pilot torque and column angle.
+
+    T_meas = r F cos(φ − φ_co) − T_stat(φ), T_stat = ``unbalance`` · φ
+    """
+    ratio = p.gearbox.ratio * p.gearbox.ratio
+    per_radian = units_per_radian(p.plc.units_per_revolution)
+    delay = p.plc.feedback_latency
+    motor = latch.read(bus, cycle, delay, FEEDBACK_POSITION) / per_radian
+    motor_velocity = latch.read(bus, cycle, delay, FEEDBACK_VELOCITY) / per_radian
+    state.angle, state.velocity = column_from_motor(poly, ratio, motor, motor_velocity)
+    state.force = samples.load_cell * newtons_per_count
+    inclination = polynomial(poly.rod, state.angle)
+    state.torque = bar.arm * state.force * math.cos(state.angle - inclination)
+    if p.plc.remove_unbalance:
+        state.torque -= unbalance * state.angle
+
+
+@compiled
+def supervise(p: Any, samples: Any, state: Any) -> None:
+    """Safety functions: open limit switch, following error. A trip stays until the drive is switched on again."""
+    if samples.switch_forward == 0 or samples.switch_aft == 0:
+        state.trip = LIMIT_SWITCH
+    elif abs(state.set_angle - state.angle) > p.plc.following_error_limit:
+        state.trip = FOLLOWING_ERROR
+
+
+@compiled
+def follow(state: Any, model: Any) -> None:
+    """While the drive is off, set value and feel model follow the column, so that switching on makes no jump."""
+    model.angle, model.velocity, model.acceleration = state.angle, 0.0, 0.0
+    model.torque = state.torque
+    state.set_angle, state.set_velocity, state.set_acceleration, state.set_torque = state.angle, 0.0, 0.0, 0.0
+
+
+@compiled
+def admittance(p: Any, state: Any, model: Any, time: float, cycle: float) -> None:
+    """The built-in outer loop: the feel model answers to the pilot's torque and the additional ones (thesis 3.5.2).
+
+    Position loop: angle, velocity and acceleration of the model are the set values. Velocity loop (Eq. 3.8): the
+    model's springs act on the measured angle, its velocity is the set value.
+    """
+    f = p.feel
+    shaker = f.shaker_torque * math.sin(2.0 * math.pi * f.shaker_frequency * time)
+    torque = state.torque + f.autopilot_torque + f.disturbance_torque + shaker
+    if p.plc.outer_loop == VELOCITY_LOOP:
+        model.angle = state.angle
+    feel.step(f, model, torque, cycle)
+    state.set_angle = model.angle
+    state.set_velocity = model.velocity
+    state.set_acceleration = model.acceleration
+
+
+@compiled
+def command(p: Any, poly: Any, state: Any, bus: Any, cycle: int) -> None:
+    """Through the kinematic chain onto the bus, with the pilot's torque as feed-forward where it is switched on."""
+    ratio = p.gearbox.ratio * p.gearbox.ratio
+    per_radian = units_per_radian(p.plc.units_per_revolution)
+    angle, velocity, acceleration = motor_from_column(
+        poly, ratio, state.set_angle, state.set_velocity, state.set_acceleration
+    )
+    torque = state.set_torque
+    if p.drive.feed_forward_pilot:
+        torque -= state.torque
+    latch.write(bus, cycle, COMMAND_POSITION, angle * per_radian)
+    latch.write(bus, cycle, COMMAND_VELOCITY, velocity * per_radian)
+    latch.write(bus, cycle, COMMAND_ACCELERATION, acceleration * per_radian)
+    latch.write(bus, cycle, COMMAND_TORQUE, torque / (ratio * polynomial(poly.ratio, state.angle)))

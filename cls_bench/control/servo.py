@@ -1,0 +1,125 @@
+"""Servo drive: the cascade of position, velocity and current controller (thesis 3.6.1, figures 3.32 and 3.33).
+
+It knows the motor's encoder and current and what arrives over the field bus; its only output is the motor voltage.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from cls_bench.compiled import compiled
+from cls_bench.control.tuning import Gains
+
+POSITION, VELOCITY, TORQUE, OFF = range(4)
+"""Modes; OFF is safe torque off."""
+
+MODES = ("position", "velocity", "torque", "off")
+
+STATE = np.dtype(
+    [
+        ("mode", np.int64),
+        ("set_position", np.float64),  # motor shaft [rad]
+        ("set_velocity", np.float64),  # what the velocity controller follows now [rad/s]
+        ("position_output", np.float64),  # newest output of the position controller [rad/s]
+        ("position_output_before", np.float64),  # and the one before, for the interpolation
+        ("position_integral", np.float64),  # [rad/s]
+        ("encoder_before", np.float64),  # [rad]
+        ("velocity", np.float64),  # after the speed filter [rad/s]
+        ("velocity_integral", np.float64),  # [N·m]
+        ("feed_forward", np.float64),  # torque added to the velocity controller's [N·m]
+        ("torque_command", np.float64),  # [N·m]
+        ("current_integral", np.float64),  # [V]
+        ("thermal_load", np.float64),  # I²t monitor: 1 at the continuous current for good
+        ("voltage", np.float64),  # newest output of the current controller [V]
+    ]
+)
+
+
+@compiled
+def _limited(value: float, limit: float) -> float:
+    return min(max(value, -limit), limit)
+
+
+@compiled
+def reset(state: Any, encoder: float) -> None:
+    """Forget everything but the shaft's position, as at switch-on."""
+    state.set_position = encoder
+    state.set_velocity = 0.0
+    state.position_output = 0.0
+    state.position_output_before = 0.0
+    state.position_integral = 0.0
+    state.velocity_integral = 0.0
+    state.feed_forward = 0.0
+    state.torque_command = 0.0
+    state.current_integral = 0.0
+    state.voltage = 0.0
+
+
+@compiled
+def position_controller(drive: Any, gains: Gains, state: Any, encoder: float, set_position: float, set_velocity: float, cycle: float) -> None:
+    """PI position controller with velocity feed-forward; anti-windup by conditional integration. Every 400 µs.
+
+    velocity = k_p (e + 1/T_n ∫ e dt) + set velocity, limited to the speed limit
+    """
+    state.set_position = set_position
+    state.position_output_before = state.position_output
+    error = set_position - encoder
+    ahead = set_velocity if drive.feed_forward_velocity else 0.0
+    integral = state.position_integral
+    if gains.position_integral_time > 0.0:
+        integral += gains.position_proportional * error * cycle / gains.position_integral_time
+    else:
+        integral = 0.0
+    output = gains.position_proportional * error + integral + ahead
+    state.position_output = _limited(output, drive.speed_limit)
+    if output == state.position_output or (output > 0.0) != (error > 0.0):
+        state.position_integral = integral
+
+
+@compiled
+def speed_filter(gains: Gains, state: Any, encoder: float, cycle: float) -> None:
+    """Velocity from the encoder: difference over a velocity cycle, first-order low pass. Every 200 µs."""
+    raw = (encoder - state.encoder_before) / cycle
+    state.encoder_before = encoder
+    state.velocity += gains.speed_filter * (raw - state.velocity)
+
+
+@compiled
+def velocity_controller(drive: Any, gains: Gains, state: Any, cycle: float) -> None:
+    """PI velocity controller, figure 3.33; anti-windup by conditional integration. Every 200 µs.
+
+    torque = k_p (e + 1/T_n ∫ e dt) + feed-forward, limited to the torque limit
+    """
+    error = state.set_velocity - state.velocity
+    integral = state.velocity_integral + gains.velocity_proportional * error * cycle / gains.velocity_integral_time
+    torque = gains.velocity_proportional * error + integral + state.feed_forward
+    state.torque_command = _limited(torque, drive.torque_limit)
+    if torque == state.torque_command or (torque > 0.0) != (error > 0.0):
+        state.velocity_integral = integral
+
+
+@compiled
+def current_limit(drive: Any, state: Any, current: float, time_constant: float, tick: float) -> float:
+    """Current [A] that the drive allows: its peak, or the continuous one while the I²t monitor is full.
+
+    The monitor follows (i / i_continuous)² with the winding's time constant.
+    """
+    ratio = current / drive.continuous_current
+    state.thermal_load += (ratio * ratio - state.thermal_load) * tick / time_constant
+    return drive.peak_current if state.thermal_load < 1.0 else drive.continuous_current
+
+
+@compiled
+def current_controller(drive: Any, motor: Any, gains: Gains, state: Any, current: float, voltage_limit: float, tick: float) -> None:
+    """PI current controller with back-EMF decoupling and voltage limit; anti-windup by clamping. Every tick.
+
+    voltage = k_p e + k_i ∫ e dt + K ω
+    """
+    allowed = current_limit(drive, state, current, motor.thermal_time_constant, tick)
+    error = _limited(state.torque_command / motor.torque_constant, allowed) - current
+    emf = motor.torque_constant * state.velocity
+    integral = state.current_integral + gains.current_integral * error * tick
+    wanted = gains.current_proportional * error + integral + emf
+    state.voltage = _limited(wanted, voltage_limit)
+    if wanted == state.voltage or (wanted > 0.0) != (error > 0.0):
+        state.current_integral = integral

@@ -1,0 +1,1 @@
+"""The plant: what has mass, friction or a data sheet. Continuous, stepped by MuJoCo."""
