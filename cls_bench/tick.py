@@ -1,0 +1,232 @@
+"""The compiled multi-rate loop: the one place where plant and control meet.
+
+One tick k (50 µs)::
+
+    sample        encoder, current, load cell, limit switches       what control may see
+    k % 8 == 0    PLC (400 µs): torque measurement, safety, outer loop, kinematic chain → field bus
+    k % 8 == 0    drive (400 µs): position controller
+    k % 4 == 0    drive (200 µs): speed filter, velocity controller
+    every tick    drive: current controller → voltage, through its latch
+    trace         the state at time k · 50 µs
+    mj_step       once, or ``simulation.substeps`` times
+
+The order is written here once, and every delay is a latch with its length in the parameters.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cls_bench.compiled import compiled, mj_step
+from cls_bench.control import feel, latch, plc, servo
+from cls_bench.control.kinematic_chain import units_per_radian
+from cls_bench.control.tuning import Gains
+from cls_bench.kinematics import FourBar, Polynomials
+from cls_bench.pilot import HandSamples
+from cls_bench.plant import model as plant_model
+from cls_bench.plant import motor, sensors
+from cls_bench.plant.limb import grip_force, move_arm
+from cls_bench.plant.model import Dampings
+from cls_bench.plant.state import COLUMN, CURRENT, LIMB, MOTOR_DRIVE, STAGE1_FRICTION, STAGE2_FRICTION, VOLTAGE, Plant
+from cls_bench.signals import PLC_S, PLC_TICKS, POSE_TICKS, TICK_S, VELOCITY_S, VELOCITY_TICKS
+
+STATE = np.dtype(
+    [
+        ("samples", sensors.SAMPLES),
+        ("plc", plc.STATE),
+        ("feel", feel.STATE),
+        ("servo", servo.STATE),
+        ("commands", np.float64, (latch.DEPTH, 4)),  # field bus, PLC → drive
+        ("feedback", np.float64, (latch.DEPTH, 2)),  # field bus, drive → PLC
+        ("voltages", np.float64, (latch.DEPTH, 1)),  # current controller → power stage
+        ("power", np.int64),  # whether the drive is switched on
+        ("trip_tick", np.int64),  # when the PLC last switched it off
+    ]
+)
+"""Everything the sampled side remembers."""
+
+
+class Constants(NamedTuple):
+    """What follows from the parameters and is not changed by the loop."""
+
+    gains: Gains
+    dampings: Dampings
+    bar: FourBar
+    polynomials: Polynomials
+    mesh_loss: float
+    unbalance: float  # [N·m/rad]
+    newtons_per_count: float
+    voltage_limit: float  # [V]
+
+
+class Hand(NamedTuple):
+    """The pilot in a block, an entry a tick; see :class:`cls_bench.pilot.HandSamples`."""
+
+    angle: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    force: NDArray[np.float64]
+    motion: NDArray[np.bool_]
+    attached: NDArray[np.bool_]
+    squeeze: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, samples: HandSamples) -> "Hand":
+        """The same arrays, in the form compiled code takes."""
+        return cls(samples.angle, samples.velocity, samples.force, samples.motion, samples.attached, samples.squeeze)
+
+
+class Trace(NamedTuple):
+    """Buffers of one block, as in :class:`cls_bench.signals.Block`."""
+
+    pilot: NDArray[np.float64]
+    column: NDArray[np.float64]
+    drive: NDArray[np.float64]
+    gearbox: NDArray[np.float64]
+    load_cell: NDArray[np.float64]
+    feel: NDArray[np.float64]
+    poses: NDArray[np.float64]
+
+
+@compiled
+def begin(plant: Plant, p: Any, constants: Constants, state: Any, noise: Any, tick: int) -> None:
+    """First part of a tick: sample the sensors; in a PLC tick also put the encoder on the bus and measure."""
+    sensors.sample(plant, p, constants.dampings.load_cell, noise, state.samples)
+    if tick % PLC_TICKS == 0:
+        cycle = tick // PLC_TICKS
+        per_radian = units_per_radian(p.plc.units_per_revolution)
+        latch.write(state.feedback, cycle, plc.FEEDBACK_POSITION, state.samples.encoder * per_radian)
+        latch.write(state.feedback, cycle, plc.FEEDBACK_VELOCITY, state.servo.velocity * per_radian)
+        plc.measure(
+            p, constants.bar, constants.polynomials, constants.unbalance, constants.newtons_per_count,
+            state.samples, state.feedback, cycle, state.plc,
+        )  # fmt: skip
+
+
+@compiled
+def _plc_task(p: Any, constants: Constants, state: Any, tick: int, external: bool) -> None:
+    if state.power:
+        if not external:
+            plc.admittance(p, state.plc, state.feel, tick * TICK_S, PLC_S)
+        plc.supervise(p, state.samples, state.plc)
+        if state.plc.trip != plc.NO_TRIP:
+            state.power = 0
+            state.trip_tick = tick
+    if not state.power:
+        plc.follow(state.plc, state.feel)
+    plc.command(p, constants.polynomials, state.plc, state.commands, tick // PLC_TICKS)
+
+
+@compiled
+def _drive(p: Any, constants: Constants, state: Any, tick: int) -> None:
+    drive, gains, s, encoder = p.drive, constants.gains, state.servo, state.samples.encoder
+    if tick % VELOCITY_TICKS == 0:
+        servo.speed_filter(gains, s, encoder, VELOCITY_S)
+    if not state.power or s.mode == servo.OFF:
+        servo.reset(s, encoder)
+        servo.current_limit(drive, s, state.samples.current, p.motor.thermal_time_constant, TICK_S)
+        return
+    if tick % PLC_TICKS == 0:
+        cycle, delay = tick // PLC_TICKS, p.plc.command_latency
+        per_radian = units_per_radian(p.plc.units_per_revolution)
+        set_position = latch.read(state.commands, cycle, delay, plc.COMMAND_POSITION) / per_radian
+        set_velocity = latch.read(state.commands, cycle, delay, plc.COMMAND_VELOCITY) / per_radian
+        acceleration = latch.read(state.commands, cycle, delay, plc.COMMAND_ACCELERATION) / per_radian
+        if s.mode == servo.POSITION:
+            servo.position_controller(drive, gains, s, encoder, set_position, set_velocity, PLC_S)
+        else:
+            s.set_position = encoder
+            s.position_output_before = s.position_output
+            s.position_output = min(max(set_velocity, -drive.speed_limit), drive.speed_limit)
+        s.feed_forward = latch.read(state.commands, cycle, delay, plc.COMMAND_TORQUE)
+        if drive.feed_forward_inertia:
+            s.feed_forward += drive.load_inertia * acceleration
+    if tick % VELOCITY_TICKS == 0:
+        if s.mode == servo.TORQUE:
+            s.torque_command = min(max(drive.set_torque, -drive.torque_limit), drive.torque_limit)
+        else:
+            # Between two position cycles the set velocity is interpolated (thesis 3.6.1).
+            newest = s.position_output
+            s.set_velocity = newest if tick % PLC_TICKS else 0.5 * (s.position_output_before + newest)
+            servo.velocity_controller(drive, gains, s, VELOCITY_S)
+    servo.current_controller(drive, p.motor, gains, s, state.samples.current, constants.voltage_limit, TICK_S)
+
+
+@compiled
+def advance(
+    plant: Plant, p: Any, constants: Constants, state: Any, hand: Hand, noise: Any, trace: Trace,
+    block_tick: int, first_tick: int, ticks: int, begun: bool, external: bool,
+) -> int:  # fmt: skip
+    """Run ``ticks`` ticks from ``first_tick`` on; returns how many were run, fewer only where a state left all bounds.
+
+    ``hand``, ``noise`` and ``trace`` belong to the block that starts at ``block_tick``, a PLC tick. With ``begun``
+    the first tick's :func:`begin` has been done; with ``external`` the set values in ``state.plc`` come from a user's
+    outer loop.
+    """
+    for tick in range(first_tick, first_tick + ticks):
+        row = tick - block_tick
+        if not (begun and tick == first_tick):
+            begin(plant, p, constants, state, noise[row], tick)
+        if tick % PLC_TICKS == 0:
+            if not (abs(plant.qvel[COLUMN]) < 1e4 and abs(plant.qvel[0]) < 1e6 and abs(plant.act[CURRENT]) < 1e6):
+                return tick - first_tick
+            _plc_task(p, constants, state, tick, external)
+        _drive(p, constants, state, tick)
+        latch.write(state.voltages, tick, 0, state.servo.voltage)
+        voltage = latch.read(state.voltages, tick, p.drive.voltage_latency, 0)
+        connected = state.power != 0 and state.servo.mode != servo.OFF
+        motor.apply_voltage(plant, p.motor, connected, voltage)
+
+        attached, squeeze, height = hand.attached[row], hand.squeeze[row], p.column.grip_height
+        move_arm(plant, p.limb, height, hand.motion[row], hand.angle[row], hand.velocity[row], hand.force[row])
+        twist1, torque1, twist2, torque2 = plant_model.update(
+            plant, p, constants.mesh_loss, constants.dampings, attached, squeeze
+        )
+        grip = grip_force(plant)
+        _trace_state(plant, state, trace, tick, block_tick, grip, height, squeeze if attached else -1.0)
+        mj_step(plant.model, plant.data)
+        # The forces of this state are known once MuJoCo has stepped from it.
+        trace.gearbox[row, 0], trace.gearbox[row, 1] = twist1, torque1
+        trace.gearbox[row, 2] = -plant.actuator_force[STAGE1_FRICTION]
+        trace.gearbox[row, 3], trace.gearbox[row, 4] = twist2, torque2
+        trace.gearbox[row, 5] = -plant.actuator_force[STAGE2_FRICTION]
+        if tick % VELOCITY_TICKS == 0:
+            trace.drive[row // VELOCITY_TICKS, 7] = plant.actuator_force[MOTOR_DRIVE]
+        if tick % POSE_TICKS == 0:
+            at = tick // POSE_TICKS - (block_tick + POSE_TICKS - 1) // POSE_TICKS
+            trace.poses[at, :, :3] = plant.xpos
+            trace.poses[at, :, 3:] = plant.xquat
+        for _ in range(1, p.simulation.substeps):
+            plant_model.update(plant, p, constants.mesh_loss, constants.dampings, attached, squeeze)
+            mj_step(plant.model, plant.data)
+    return ticks
+
+
+@compiled
+def _trace_state(
+    plant: Plant, state: Any, trace: Trace, tick: int, block_tick: int, grip: float, height: float, squeeze: float
+) -> None:
+    row = tick - block_tick
+    trace.column[row, 0] = plant.qpos[COLUMN]
+    trace.column[row, 1] = plant.qvel[COLUMN]
+    trace.column[row, 2] = grip
+    trace.load_cell[row, 0] = state.samples.strain_force
+    trace.load_cell[row, 1] = state.plc.torque
+    trace.load_cell[row, 2] = state.samples.load_cell
+    if tick % VELOCITY_TICKS == 0:
+        at, s = row // VELOCITY_TICKS, state.servo
+        trace.pilot[at, 0] = grip / height
+        trace.pilot[at, 1] = squeeze
+        trace.pilot[at, 2] = plant.qpos[LIMB]
+        trace.drive[at, 0] = s.set_position
+        trace.drive[at, 1] = state.samples.encoder
+        trace.drive[at, 2] = s.set_velocity
+        trace.drive[at, 3] = s.velocity
+        trace.drive[at, 4] = s.torque_command
+        trace.drive[at, 5] = state.samples.current
+        trace.drive[at, 6] = plant.ctrl[VOLTAGE]
+    if tick % PLC_TICKS == 0:
+        at = row // PLC_TICKS
+        trace.feel[at, 0] = state.feel.torque
+        trace.feel[at, 1] = state.feel.angle
+        trace.feel[at, 2] = state.feel.velocity
