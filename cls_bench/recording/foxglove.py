@@ -1,0 +1,170 @@
+"""Messages in Foxglove's own schemas, which its viewers draw without being told how: log, transforms, scene."""
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+from foxglove_schemas_protobuf.Color_pb2 import Color
+from foxglove_schemas_protobuf.CubePrimitive_pb2 import CubePrimitive
+from foxglove_schemas_protobuf.CylinderPrimitive_pb2 import CylinderPrimitive
+from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.Point3_pb2 import Point3
+from foxglove_schemas_protobuf.Pose_pb2 import Pose
+from foxglove_schemas_protobuf.Quaternion_pb2 import Quaternion
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from foxglove_schemas_protobuf.SpherePrimitive_pb2 import SpherePrimitive
+from foxglove_schemas_protobuf.TriangleListPrimitive_pb2 import TriangleListPrimitive
+from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
+from google.protobuf.descriptor_pb2 import (  # type: ignore[import-untyped]
+    FieldDescriptorProto,
+    FileDescriptorProto,
+    FileDescriptorSet,
+)
+from numpy.typing import NDArray
+
+from cls_bench.recording.run_info import GeomInfo
+from cls_bench.recording.shapes import capsule_ends, plane_box
+from cls_bench.signals import TICK_NS, Event, Topic
+
+WORLD = "world"
+"""Frame to which all poses refer."""
+
+LEVELS = {"info": Log.INFO, "warning": Log.WARNING, "error": Log.ERROR}
+"""Log levels of :class:`cls_bench.signals.Event` in Foxglove's terms."""
+
+PACKAGE = "cls_bench"
+
+
+def message_name(topic: Topic) -> str:
+    """Name of the protobuf message of a topic: ``/load_cell`` -> ``cls_bench.LoadCell``."""
+    words = topic.path.strip("/").replace("/", "_").split("_")
+    return f"{PACKAGE}." + "".join(word.capitalize() for word in words)
+
+
+def topic_schema(topic: Topic) -> bytes:
+    """Serialized FileDescriptorSet of a message of doubles, one field a signal in column order."""
+    file = FileDescriptorProto(name=f"{PACKAGE}{topic.path}.proto", package=PACKAGE, syntax="proto3")
+    message = file.message_type.add(name=message_name(topic).removeprefix(f"{PACKAGE}."))
+    for number, signal in enumerate(topic.signals, start=1):
+        message.field.add(
+            name=signal.name,
+            number=number,
+            type=FieldDescriptorProto.TYPE_DOUBLE,
+            label=FieldDescriptorProto.LABEL_OPTIONAL,
+        )
+    return bytes(FileDescriptorSet(file=[file]).SerializeToString(deterministic=True))
+
+
+def field_names(schema: bytes) -> tuple[str, ...]:
+    """Field names of the only message in a FileDescriptorSet, by field number."""
+    fields = FileDescriptorSet.FromString(schema).file[0].message_type[0].field
+    return tuple(f.name for f in sorted(fields, key=lambda f: f.number))
+
+
+def library_schema(message: Any) -> bytes:
+    """Serialized FileDescriptorSet of a message class, its imports first."""
+    files: dict[str, FileDescriptorProto] = {}
+
+    def collect(descriptor: Any) -> None:
+        for dependency in descriptor.dependencies:
+            collect(dependency)
+        if descriptor.name not in files:
+            files[descriptor.name] = proto = FileDescriptorProto()
+            descriptor.CopyToProto(proto)
+
+    collect(message.DESCRIPTOR.file)
+    return bytes(FileDescriptorSet(file=files.values()).SerializeToString(deterministic=True))
+
+
+def _set_time(stamp: Any, tick: int) -> None:
+    stamp.seconds, stamp.nanos = divmod(tick * TICK_NS, 1_000_000_000)
+
+
+def log(event: Event) -> bytes:
+    """An event as ``foxglove.Log``."""
+    message = Log(level=LEVELS[event.level], message=event.message, name=event.source)
+    _set_time(message.timestamp, event.tick)
+    return bytes(message.SerializeToString(deterministic=True))
+
+
+def parse_log(data: bytes, tick: int) -> Event:
+    """The event back from a ``foxglove.Log`` of ``tick``."""
+    message = Log.FromString(data)
+    level = next((name for name, value in LEVELS.items() if value == message.level), "info")
+    return Event(tick, level, message.name, message.message)
+
+
+class Transforms:
+    """Encodes poses as ``foxglove.FrameTransforms``: every body but the world, relative to the world."""
+
+    def __init__(self, body_names: Sequence[str]):
+        self._message = FrameTransforms()  # filled anew for each row: four times cheaper than a new one
+        for name in body_names[1:]:
+            self._message.transforms.add(parent_frame_id=WORLD, child_frame_id=name)
+
+    def __call__(self, tick: int, poses: NDArray[np.float64]) -> bytes:
+        """Serialized message of ``poses``, shape (bodies, 7): position [m] and quaternion w, x, y, z; world first."""
+        for transform, pose in zip(self._message.transforms, poses[1:].tolist(), strict=True):
+            _set_time(transform.timestamp, tick)
+            at, turn = transform.translation, transform.rotation
+            at.x, at.y, at.z, turn.w, turn.x, turn.y, turn.z = pose
+        return bytes(self._message.SerializeToString(deterministic=True))
+
+
+def scene(body_names: Sequence[str], geoms: Sequence[GeomInfo]) -> bytes:
+    """All shapes as one ``foxglove.SceneUpdate``, an entity for every body, each in its body's frame."""
+    update = SceneUpdate()
+    for number, name in enumerate(body_names):
+        shapes = [geom for geom in geoms if geom.body == number]
+        if not shapes:
+            continue
+        entity = update.entities.add(frame_id=name if number else WORLD, id=name, frame_locked=True)
+        for geom in shapes:
+            for primitive in _primitives(geom):
+                match primitive:
+                    case CubePrimitive():
+                        entity.cubes.append(primitive)
+                    case CylinderPrimitive():
+                        entity.cylinders.append(primitive)
+                    case SpherePrimitive():
+                        entity.spheres.append(primitive)
+                    case TriangleListPrimitive():
+                        entity.triangles.append(primitive)
+    return bytes(update.SerializeToString(deterministic=True))
+
+
+def _primitives(
+    geom: GeomInfo,
+) -> Iterator[CubePrimitive | CylinderPrimitive | SpherePrimitive | TriangleListPrimitive]:
+    color = Color(**dict(zip("rgba", geom.rgba, strict=True)))
+    x, y, z = (2.0 * half for half in geom.size)
+    match geom.kind:
+        case "box":
+            yield CubePrimitive(pose=_pose(geom), size=Vector3(x=x, y=y, z=z), color=color)
+        case "plane":
+            size, position = plane_box(geom)
+            x, y, z = (2.0 * half for half in size)
+            yield CubePrimitive(pose=_pose(geom, position), size=Vector3(x=x, y=y, z=z), color=color)
+        case "sphere":
+            yield SpherePrimitive(pose=_pose(geom), size=Vector3(x=x, y=x, z=x), color=color)
+        case "ellipsoid":
+            yield SpherePrimitive(pose=_pose(geom), size=Vector3(x=x, y=y, z=z), color=color)
+        case "cylinder" | "capsule":
+            size = Vector3(x=x, y=x, z=y)
+            yield CylinderPrimitive(pose=_pose(geom), size=size, bottom_scale=1.0, top_scale=1.0, color=color)
+            if geom.kind == "capsule":
+                for end in capsule_ends(geom):
+                    yield SpherePrimitive(pose=_pose(geom, end), size=Vector3(x=x, y=x, z=x), color=color)
+        case "mesh" if geom.vertices is not None and geom.faces is not None:
+            points = [Point3(x=x, y=y, z=z) for x, y, z in geom.vertices.tolist()]
+            indices = geom.faces.ravel().tolist()
+            yield TriangleListPrimitive(pose=_pose(geom), points=points, indices=indices, color=color)
+        case kind:
+            raise ValueError(f"cannot draw a geom of kind {kind!r}")
+
+
+def _pose(geom: GeomInfo, position: tuple[float, float, float] | None = None) -> Pose:
+    x, y, z = position or geom.position
+    w, i, j, k = geom.quaternion
+    return Pose(position=Vector3(x=x, y=y, z=z), orientation=Quaternion(w=w, x=i, y=j, z=k))

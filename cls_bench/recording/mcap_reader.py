@@ -1,0 +1,326 @@
+"""Reads recordings: topics as numpy arrays, chunk by chunk."""
+
+import json
+import struct
+import warnings
+import zlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from io import BytesIO
+from pathlib import Path
+from typing import IO, Any, TypeVar
+
+import numpy as np
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Channel, Metadata, Schema
+from mcap.writer import MCAP0_MAGIC
+from numpy.typing import NDArray
+
+from cls_bench.errors import InputError
+from cls_bench.recording import foxglove
+from cls_bench.recording.layout import MESSAGE_HEAD_BYTES, Index, message_dtype, tags
+from cls_bench.recording.mcap_writer import (
+    PARAMETERS_ATTACHMENT,
+    RESULT_METADATA,
+    RUN_METADATA,
+    WALL_CLOCK_METADATA,
+)
+from cls_bench.signals import EVENTS_TOPIC, TICK_NS, Event, Signal, Topic
+
+INCOMPLETE = "incomplete"
+"""Status of a recording whose run was killed."""
+
+_HEAD = struct.Struct("<BQ")  # opcode and length of a record
+_CHUNK_HEAD = struct.Struct("<QQQII")  # first and last time, size, CRC, length of the compression's name
+_HEAD_BYTES = 64  # of a record: more than is needed of a chunk's or a message index's head
+
+_Record = TypeVar("_Record", Attachment, Channel, Metadata, Schema)
+
+
+@dataclass(frozen=True)
+class Series:
+    """Signals of one topic over time."""
+
+    time: NDArray[np.float64]
+    """time since the start of the run, shape (rows,) [s]"""
+    values: Mapping[str, NDArray[np.float64]]
+    """signal name -> values, each of shape (rows,), in the signal's SI unit"""
+
+    def __getitem__(self, signal: str) -> NDArray[np.float64]:
+        return self.values[signal]
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+
+@dataclass
+class _Chunk:
+    """Where a chunk and the message indexes of its channels lie in the file."""
+
+    offset: int
+    length: int
+    start_ns: int
+    end_ns: int
+    size: int
+    crc: int
+    indexes: dict[int, tuple[int, int]] = field(default_factory=dict)
+    """channel -> offset and length of the entries"""
+    indexed: bool = False
+    """all of its message indexes are there"""
+
+
+class Recording:
+    """A recording made by :class:`McapRecorder`, complete or cut short.
+
+    Opening it reads the heads of all records; :meth:`read` and :meth:`events` then hold one chunk at a time. Raises
+    :class:`InputError` if there is no such file or it is no MCAP file. Of a file that was cut short, all complete
+    chunks are read; ``truncated`` is then true and a warning is issued once.
+    """
+
+    def __init__(self, path: Path):
+        self.path = path
+        self.truncated = True
+        self.topics: dict[str, Topic] = {}
+        """topics of signals in the file, with units and meanings as recorded"""
+        self.attachments: dict[str, bytes] = {}
+        """name -> content: scenario.toml, parameters.json and the model files"""
+        self._channels: dict[str, int] = {}
+        self._chunks: list[_Chunk] = []
+        self._metadata: dict[str, dict[str, str]] = {}
+        try:
+            with path.open("rb") as file:
+                if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
+                    raise InputError(f"{path} is no MCAP file")
+                self._scan(file)
+        except OSError as error:
+            raise InputError(f"cannot read {path}: {error.strerror}") from None
+        if self.truncated:
+            warnings.warn(f"{path} was cut short; reading its complete chunks", stacklevel=2)
+
+    @property
+    def metadata(self) -> Mapping[str, str]:
+        """Seed, versions, … and ``scenario``, the scenario's name."""
+        return self._metadata.get(RUN_METADATA, {})
+
+    @property
+    def scenario_name(self) -> str:
+        """Name of the scenario; empty if the file was cut before it."""
+        return self.metadata.get("scenario", "")
+
+    @property
+    def wall_start(self) -> str:
+        """Wall-clock time of the start, ISO 8601; empty if the file was cut before it."""
+        return self._metadata.get(WALL_CLOCK_METADATA, {}).get("start", "")
+
+    @property
+    def status(self) -> str:
+        """What was passed to ``finish``, or ``"incomplete"`` if the run was killed."""
+        return self._metadata.get(RESULT_METADATA, {}).get("status", INCOMPLETE)
+
+    @property
+    def parameters(self) -> Any:
+        """The parameters of the run as nested dictionaries."""
+        return json.loads(self.attachments.get(PARAMETERS_ATTACHMENT, b"{}"))
+
+    @property
+    def duration(self) -> float:
+        """Time from the start of the run to the end of the last recorded tick [s]."""
+        if not self._chunks:
+            return 0.0
+        return (max(chunk.end_ns for chunk in self._chunks) + TICK_NS) / 1e9
+
+    def events(self) -> tuple[Event, ...]:
+        """All events in the order in which they were recorded."""
+        channel = self._channels.get(EVENTS_TOPIC)
+        if channel is None:
+            return ()
+        found = []
+        with self.path.open("rb") as file:
+            for chunk in self._chunks:
+                if chunk.indexed and channel not in chunk.indexes:
+                    continue
+                data = self._load(file, chunk)
+                for time, offset in self._index(file, chunk, channel).tolist():
+                    _, length = _HEAD.unpack_from(data, offset)
+                    end = offset + _HEAD.size + length
+                    found.append(foxglove.parse_log(data[offset + MESSAGE_HEAD_BYTES : end], time // TICK_NS))
+        return tuple(found)
+
+    def read(
+        self,
+        topic: str,
+        signals: Sequence[str] | None = None,
+        start: float | None = None,
+        end: float | None = None,
+        every: int = 1,
+    ) -> Series:
+        """Samples of ``signals`` (all if None) of ``topic`` with start ≤ time < end [s].
+
+        ``every`` keeps the rows whose tick is divisible by ``every`` times the topic's ticks. Raises
+        :class:`InputError` for an unknown topic or signal, and if a chunk is damaged.
+        """
+        known = self._topic(topic)
+        columns = {name: self._column(known, name) for name in (known.names if signals is None else signals)}
+        if every < 1:
+            raise InputError(f"every = {every}: must be at least 1")
+        start_ns = 0 if start is None else _next_tick(start) * TICK_NS
+        end_ns = None if end is None else _next_tick(end) * TICK_NS
+        step_ns = every * known.ticks * TICK_NS
+        dtype = message_dtype(len(known.signals))
+        times: list[NDArray[np.uint64]] = []
+        parts: list[NDArray[np.float64]] = []
+        with self.path.open("rb") as file:
+            for chunk in self._chunks:
+                if chunk.end_ns < start_ns or (end_ns is not None and chunk.start_ns >= end_ns):
+                    continue
+                index = self._index(file, chunk, self._channels[topic])
+                wanted = (index[:, 0] >= start_ns) & (index[:, 0] % step_ns == 0)
+                if end_ns is not None:
+                    wanted &= index[:, 0] < end_ns
+                if not wanted.any():
+                    continue
+                rows = self._rows(self._load(file, chunk), index[wanted, 1], dtype)
+                times.append(index[wanted, 0])
+                parts.append(rows["signals"]["value"][:, list(columns.values())].T)
+        time = np.concatenate(times) / 1e9 if times else np.zeros(0)
+        values = np.concatenate(parts, axis=1) if parts else np.zeros((len(columns), 0))
+        return Series(time, dict(zip(columns, values, strict=True)))
+
+    def _topic(self, path: str) -> Topic:
+        if path not in self.topics:
+            raise InputError(f"{self.path} has no topic {path!r}; it has {', '.join(self.topics) or 'none'}")
+        return self.topics[path]
+
+    def _column(self, topic: Topic, name: str) -> int:
+        if name not in topic.names:
+            raise InputError(f"topic {topic.path} has no signal {name!r}; it has {', '.join(topic.names)}")
+        return topic.names.index(name)
+
+    def _rows(self, data: bytes, offsets: NDArray[np.uint64], dtype: np.dtype[np.void]) -> NDArray[np.void]:
+        """The Message records at ``offsets``: a view with a row at every byte, of which the wanted ones are taken."""
+        if int(offsets.max()) + dtype.itemsize > len(data):
+            raise self._damaged("a message index points beyond its chunk")
+        at_every_byte = np.ndarray((len(data) - dtype.itemsize + 1,), dtype, data, strides=(1,))
+        rows = at_every_byte[offsets]
+        if (rows["length"] != dtype.itemsize - _HEAD.size).any() or (
+            rows["signals"]["tag"] != tags(dtype["signals"].shape[0])
+        ).any():
+            raise self._damaged("samples are not in the layout of cls-bench")
+        return rows
+
+    def _damaged(self, what: str) -> InputError:
+        return InputError(f"{self.path} is damaged: {what}")
+
+    def _load(self, file: IO[bytes], chunk: _Chunk) -> bytes:
+        """The uncompressed records of a chunk."""
+        file.seek(chunk.offset)
+        try:
+            data = zstandard.decompress(file.read(chunk.length), max_output_size=chunk.size)
+        except zstandard.ZstdError:
+            raise self._damaged(f"chunk at {chunk.start_ns / 1e9:.4f} s cannot be decompressed") from None
+        if zlib.crc32(data) != chunk.crc:
+            raise self._damaged(f"checksum of the chunk at {chunk.start_ns / 1e9:.4f} s")
+        return data
+
+    def _index(self, file: IO[bytes], chunk: _Chunk, channel: int) -> Index:
+        """Times and offsets of a channel's messages in a chunk."""
+        if channel in chunk.indexes:
+            offset, length = chunk.indexes[channel]
+            file.seek(offset)
+            return np.frombuffer(file.read(length), "<u8").reshape(-1, 2)
+        if chunk.indexed:
+            return np.zeros((0, 2), "<u8")
+        return _walk(self._load(file, chunk), channel)
+
+    def _scan(self, file: IO[bytes]) -> None:
+        """Note what lies where, up to the footer or the last complete record."""
+        end = file.seek(0, 2)
+        at = len(MCAP0_MAGIC)
+        schemas: dict[int, Schema] = {}
+        while at + _HEAD.size <= end:
+            file.seek(at)
+            head = file.read(_HEAD_BYTES)
+            opcode, length = _HEAD.unpack_from(head)
+            body = at + _HEAD.size
+            if body + length > end:
+                return
+            if opcode not in (Opcode.CHUNK, Opcode.MESSAGE_INDEX) and self._chunks:
+                self._chunks[-1].indexed = True
+            match opcode:
+                case Opcode.SCHEMA:
+                    schema = self._parse(Schema.read, file, body, length)
+                    schemas[schema.id] = schema
+                case Opcode.CHANNEL:
+                    self._add_channel(self._parse(Channel.read, file, body, length), schemas)
+                case Opcode.METADATA:
+                    metadata = self._parse(Metadata.read, file, body, length)
+                    self._metadata[metadata.name] = metadata.metadata
+                case Opcode.ATTACHMENT:
+                    attachment = self._parse(Attachment.read, file, body, length)
+                    self.attachments[attachment.name] = attachment.data
+                case Opcode.CHUNK:
+                    self._add_chunk(head, body)
+                case Opcode.MESSAGE_INDEX if self._chunks:
+                    channel, entries = struct.unpack_from("<HI", head, _HEAD.size)
+                    self._chunks[-1].indexes[channel] = (body + 6, entries)
+                case Opcode.DATA_END | Opcode.FOOTER:  # the summary repeats what is known by now
+                    self.truncated = not _ends_well(file, end)
+                    return
+                case 0:  # no opcode: zeros that a crash left behind
+                    return
+            at = body + length
+
+    def _parse(self, read: Callable[[ReadDataStream], _Record], file: IO[bytes], body: int, length: int) -> _Record:
+        file.seek(body)
+        try:
+            return read(ReadDataStream(BytesIO(file.read(length))))
+        except (McapError, struct.error, UnicodeDecodeError):
+            raise self._damaged(f"record at byte {body}") from None
+
+    def _add_channel(self, channel: Channel, schemas: Mapping[int, Schema]) -> None:
+        self._channels[channel.topic] = channel.id
+        if "ticks" not in channel.metadata:
+            return
+        names = foxglove.field_names(schemas[channel.schema_id].data)
+        about = channel.metadata
+        signals = tuple(Signal(name, about[f"{name}.unit"], about[f"{name}.meaning"]) for name in names)
+        self.topics[channel.topic] = Topic(channel.topic, int(about["ticks"]), about["meaning"], signals)
+
+    def _add_chunk(self, head: bytes, body: int) -> None:
+        if self._chunks:
+            self._chunks[-1].indexed = True
+        start_ns, end_ns, size, crc, name_length = _CHUNK_HEAD.unpack_from(head, _HEAD.size)
+        at = _HEAD.size + _CHUNK_HEAD.size
+        if head[at : at + name_length] != b"zstd":
+            raise self._damaged("a chunk is not compressed with zstd")
+        (length,) = struct.unpack_from("<Q", head, at + name_length)
+        self._chunks.append(_Chunk(body + at - _HEAD.size + name_length + 8, length, start_ns, end_ns, size, crc))
+
+
+def _ends_well(file: IO[bytes], end: int) -> bool:
+    file.seek(end - len(MCAP0_MAGIC))
+    return file.read() == MCAP0_MAGIC
+
+
+def _next_tick(time: float) -> int:
+    """First tick at or after ``time`` [s], forgiving the rounding of decimal fractions."""
+    return int(np.ceil(round(time * 1e9 / TICK_NS, 6)))
+
+
+def _walk(data: bytes, channel: int) -> Index:
+    """The index of a channel's messages, from the records themselves."""
+    return np.array([entry for entry in _messages(data, channel)], "<u8").reshape(-1, 2)
+
+
+def _messages(data: bytes, channel: int) -> Iterator[tuple[int, int]]:
+    at = 0
+    while at < len(data):
+        opcode, length = _HEAD.unpack_from(data, at)
+        if opcode == Opcode.MESSAGE:
+            found, _, time = struct.unpack_from("<HIQ", data, at + _HEAD.size)
+            if found == channel:
+                yield time, at
+        at += _HEAD.size + length
