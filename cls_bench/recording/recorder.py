@@ -47,8 +47,9 @@ class Recorder:
         self._error: Exception | None = None
         self._finishing = False
         try:
-            with _naming(self.mcap_path):
+            with _naming(stem.parent):
                 stem.parent.mkdir(parents=True, exist_ok=True)
+            with _naming(self.mcap_path):
                 self._writers.append((self.mcap_path, McapRecorder(self.mcap_path, info)))
             if self.rrd_path is not None:
                 from cls_bench.recording.rerun_writer import RerunRecorder
