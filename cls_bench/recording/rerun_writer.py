@@ -47,7 +47,7 @@ LEVELS = {"info": rr.TextLogLevel.INFO, "warning": rr.TextLogLevel.WARN, "error"
 
 _BENCH = "bench"
 _SCENARIO = "scenario"
-_EYE, _LOOK_TARGET = (-0.85, -0.95, 0.85), (-0.10, 0.03, 0.38)  # [m]
+_EYE, _LOOK_TARGET = (0.36, -0.80, 0.62), (-0.09, 0.05, 0.34)  # [m]
 
 
 @dataclass(frozen=True)
@@ -259,9 +259,14 @@ def _blueprint() -> rrb.Blueprint:
         name="Bench",
         eye_controls=rrb.EyeControls3D(position=_EYE, look_target=_LOOK_TARGET, eye_up=(0.0, 0.0, 1.0)),
         line_grid=rrb.LineGrid3D(spacing=0.1),
+        background=(222, 226, 230),
     )
     log = rrb.Tabs(
-        rrb.TextLogView(origin=EVENTS_TOPIC, name="Events"),
+        rrb.TextLogView(
+            origin=EVENTS_TOPIC,
+            name="Events",
+            columns=rrb.TextLogColumns(text_log_columns=["LogLevel", "Body"]),
+        ),
         rrb.TextDocumentView(origin=_SCENARIO, name="Scenario"),
     )
     plots = [
