@@ -3,11 +3,13 @@
 import errno
 import json
 import signal
+import struct
 import subprocess
 import sys
 import threading
 import tracemalloc
 import warnings
+import zlib
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -22,6 +24,7 @@ from mcap.reader import make_reader
 from cls_bench.errors import InputError, OutputError
 from cls_bench.recording import GeomInfo, McapRecorder, Recorder, Recording, RunInfo
 from cls_bench.recording.layout import CYCLE_TICKS, message_dtype
+from cls_bench.recording.shapes import along_z
 from cls_bench.signals import POSE_TICKS, TICK_NS, TOPIC, TOPICS, Block, Event
 
 BODIES = ("world", "crank", "column")
@@ -135,7 +138,17 @@ def test_a_run_without_blocks_is_a_valid_recording(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("start", "end"), [(None, None), (0.0, 0.1), (0.05, 0.20005), (0.3, None), (None, 0.00005), (0.1, 0.1), (9.0, None)]
+    ("start", "end"),
+    [
+        (None, None),
+        (0.0, 0.1),
+        (0.05, 0.20005),
+        (0.3, None),
+        (None, 0.00005),
+        (0.1, 0.1),
+        (9.0, None),
+        (0.00205, 0.00815),
+    ],
 )
 @pytest.mark.parametrize("every", [1, 3, 8])
 def test_time_window_and_decimation(tmp_path: Path, start: float | None, end: float | None, every: int) -> None:
@@ -228,6 +241,13 @@ def test_the_library_finds_messages_through_the_indexes(tmp_path: Path) -> None:
     assert sorted(found) == sorted(expected)
 
 
+def test_points_on_a_shapes_axis_follow_its_rotation() -> None:
+    half = np.sqrt(0.5)
+    about_x, about_y = (half, half, 0.0, 0.0), (half, 0.0, half, 0.0)
+    assert np.allclose(along_z(_geom("capsule", quaternion=about_x), 0.5), [0.0, -0.5, 1.0])
+    assert np.allclose(along_z(_geom("capsule", quaternion=about_y), 0.5), [0.5, 0.0, 1.0])
+
+
 def test_poses_and_scene_for_foxglove(tmp_path: Path) -> None:
     blocks = make_blocks()
     with record(tmp_path / "run.mcap", blocks).open("rb") as file:
@@ -258,6 +278,13 @@ def test_equal_runs_give_equal_bytes(tmp_path: Path) -> None:
     assert other.replace(later.wall_start.encode(), INFO.wall_start.encode()) == first
 
 
+def test_the_footer_checks_the_summary(tmp_path: Path) -> None:
+    content = record(tmp_path / "run.mcap", make_blocks()).read_bytes()
+    start, offsets, crc = struct.unpack("<QQI", content[-28:-8])  # before the closing magic
+    assert zlib.crc32(content[start:-12]) == crc
+    assert start < offsets < len(content)
+
+
 def test_a_topic_cannot_have_more_signals_than_one_byte_tags() -> None:
     assert message_dtype(15).itemsize == 31 + 15 * 9
     with pytest.raises(ValueError, match="1 to 15 signals, not 16"):
@@ -279,6 +306,13 @@ def opened_truncated(path: Path) -> Recording:
 def test_a_killed_run_keeps_every_flushed_block(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     blocks = make_blocks()
+    recorder = McapRecorder(path, INFO)
+    recorder.write(make_block(0, 1))  # shorter than any buffer
+    assert (
+        opened_truncated(path).read("/column")["angle"].tolist() == make_block(0, 1).signals["/column"][:, 0].tolist()
+    )
+    recorder.close()
+
     recorder = McapRecorder(path, INFO)
     for block in blocks:
         recorder.write(block)
