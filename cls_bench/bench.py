@@ -1,0 +1,305 @@
+"""The bench: owns model, memory and buffers, and runs a scenario block by block."""
+
+import math
+import platform
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol, runtime_checkable
+
+import mujoco
+import numpy as np
+
+from cls_bench import tick
+from cls_bench.compiled import JIT
+from cls_bench.control import plc, servo, tuning
+from cls_bench.errors import BenchError, ControllerError, InputError
+from cls_bench.kinematics import fit_polynomials
+from cls_bench.parameters import DEG, Parameters, record_of
+from cls_bench.pilot import HandTimeline
+from cls_bench.plant import model as plant_model
+from cls_bench.plant import sensors, state
+from cls_bench.resources import model_folder
+from cls_bench.scenario import Change, Scenario, tick_of
+from cls_bench.signals import PLC_TICKS, POSE_TICKS, TICK_S, TOPICS, VELOCITY_S, Block, Event
+
+BLOCK_TICKS = 500 * PLC_TICKS
+"""Longest block: 0.2 s. A killed run loses at most this much."""
+
+POLYNOMIAL_MARGIN = 3.0 * DEG
+"""How far beyond the limit switches the PLC's polynomials are fitted [rad]."""
+
+
+class Inputs(NamedTuple):
+    """What a user's outer loop is given every 400 µs: measurements, never the plant's state."""
+
+    time: float
+    """since the start of the run [s]"""
+    torque: float
+    """pilot torque from the load cell, T_meas, unbalance removed [N·m]"""
+    force: float
+    """force in the connecting rod [N]"""
+    angle: float
+    """column angle from the motor encoder [rad]"""
+    velocity: float
+    """column velocity from the motor encoder [rad/s]"""
+
+
+class Command(NamedTuple):
+    """What it answers: set values of the column."""
+
+    angle: float
+    """[rad]"""
+    velocity: float = 0.0
+    """[rad/s]"""
+    acceleration: float = 0.0
+    """[rad/s²]"""
+    torque: float = 0.0
+    """additional torque at the column, fed forward to the current controller [N·m]"""
+
+
+@runtime_checkable
+class OuterLoop(Protocol):
+    """A user's own outer loop: a plain Python object."""
+
+    def step(self, inputs: Inputs) -> Command:
+        """Called every 400 µs while the drive is on."""
+        ...
+
+
+class DivergedError(BenchError):
+    """The run left all bounds; what was recorded until then stays."""
+
+    exit_code = 3
+
+    def __init__(self, time: float, signal: str):
+        super().__init__(f"diverged at t = {time:.4f} s: {signal} is not finite or out of all bounds")
+        self.time = time
+        self.signal = signal
+
+
+@dataclass(frozen=True)
+class GeomShape:
+    """A geom of the model, for drawing."""
+
+    body: int
+    """index of the body it is fixed to"""
+    kind: str
+    """``box``, ``capsule``, ``cylinder``, ``sphere``, ``ellipsoid`` or ``plane``"""
+    size: tuple[float, float, float]
+    """half lengths or radius and half length [m], as MuJoCo defines them"""
+    position: tuple[float, float, float]
+    """in the body's frame [m]"""
+    quaternion: tuple[float, float, float, float]
+    """w, x, y, z in the body's frame"""
+    rgba: tuple[float, float, float, float]
+
+
+class Bench:
+    """The rig with one set of parameters, from standstill at neutral.
+
+    ``seed`` seeds the sensors' noise. ``controller`` replaces the feel model in the PLC by a user's own outer loop.
+    Raises :class:`InputError` if the parameters make a model that cannot be stepped.
+    """
+
+    def __init__(self, parameters: Parameters, *, seed: int = 0, controller: OuterLoop | None = None):
+        if controller is not None and not isinstance(controller, OuterLoop):
+            raise InputError(f"controller {type(controller).__name__} has no method step(inputs)")
+        self.controller = controller
+        try:
+            self._spec = plant_model.build_spec(parameters)
+            self.model: Any = self._spec.compile()
+        except ValueError as error:
+            raise InputError(f"these parameters make no valid model: {str(error).splitlines()[0]}") from None
+        self.data: Any = mujoco.MjData(self.model)
+        self.plant = state.view(self.model, self.data)
+        self._rng = np.random.Generator(np.random.PCG64(seed))
+        self._state: Any = np.zeros(1, dtype=tick.STATE).view(np.recarray)[0]
+        self._tick = 0
+        self.plant.tendon_stiffness[state.GRIP] = 0.0  # the hand grips when the scenario says so
+        self.plant.tendon_damping[state.GRIP] = 0.0
+        self._apply(parameters)
+
+    @property
+    def mjcf(self) -> Mapping[str, bytes]:
+        """The complete model as run, and the files it was made from, by file name."""
+        files = {name: (model_folder() / name).read_bytes() for name in ("cls_bench.xml", "scene.xml")}
+        return {"bench_as_run.xml": self._spec.to_xml().encode(), **files}
+
+    @property
+    def body_names(self) -> tuple[str, ...]:
+        """Names of the bodies, world first."""
+        return tuple(self.model.body(i).name for i in range(self.model.nbody))
+
+    @property
+    def geoms(self) -> tuple[GeomShape, ...]:
+        """The shapes of all bodies."""
+        m = self.model
+
+        def numbers(values: Any) -> Any:
+            return tuple(float(v) for v in values)
+
+        return tuple(
+            GeomShape(
+                int(m.geom_bodyid[i]),
+                mujoco.mjtGeom(int(m.geom_type[i])).name.removeprefix("mjGEOM_").lower(),
+                numbers(m.geom_size[i]), numbers(m.geom_pos[i]), numbers(m.geom_quat[i]), numbers(m.geom_rgba[i]),
+            )
+            for i in range(m.ngeom)
+        )  # fmt: skip
+
+    def _apply(self, parameters: Parameters) -> None:
+        """Take over ``parameters``, at the start or for a change of live ones in mid-run."""
+        self.parameters = parameters
+        self._record = record_of(parameters)
+        travel = parameters.column.switch_angle + POLYNOMIAL_MARGIN
+        try:
+            polynomials = fit_polynomials(parameters.linkage.four_bar, travel, parameters.plc.polynomial_degree)
+        except ValueError as error:
+            raise InputError(f"parameters.linkage: {error}") from None
+        self._constants = tick.Constants(
+            gains=tuning.design(self._record.drive, self._record.motor, VELOCITY_S),
+            dampings=plant_model.dampings(parameters),
+            bar=parameters.linkage.four_bar,
+            polynomials=polynomials,
+            mesh_loss=parameters.gearbox.mesh_loss,
+            unbalance=plant_model.static_unbalance(parameters),
+            newtons_per_count=float(sensors.load_cell_count(self._record.load_cell)),
+            voltage_limit=parameters.drive.voltage_limit,
+        )
+
+    def run(self, scenario: Scenario) -> Iterator[Block]:
+        """Run ``scenario`` from now on; yields a block for every 0.2 s at most.
+
+        Raises :class:`DivergedError` when a state leaves all bounds and :class:`ControllerError` when a user's outer
+        loop fails, in both cases after the last good block was yielded with an error event in it.
+        """
+        timeline = HandTimeline(scenario)
+        changes = sorted(scenario.changes, key=lambda change: change.at)
+        self._start(scenario)
+        end = -(-scenario.ticks // PLC_TICKS) * PLC_TICKS
+        while self._tick < end:
+            events = []
+            while changes and _cycle_start(changes[0]) <= self._tick:
+                events += self._change(changes.pop(0))
+            until = min(end, self._tick + BLOCK_TICKS, *(_cycle_start(change) for change in changes[:1]))
+            yield from self._block(timeline, until - self._tick, events)
+
+    def _start(self, scenario: Scenario) -> None:
+        self._state.servo.mode = (
+            servo.VELOCITY if self.parameters.plc.outer_loop == "velocity" else servo.POSITION
+        )
+        self._state.power = int(scenario.drive.power == "on")
+
+    def _change(self, change: Change) -> list[Event]:
+        """Carry out a change; returns what the log says of it."""
+        said = []
+        if change.parameters:
+            self._apply(change.apply(self.parameters))
+            said += [f"{key} = {value}" for key, value in change.parameters.items()]
+        if change.mode is not None:
+            self._state.servo.mode = servo.MODES.index(change.mode)
+            servo.reset(self._state.servo, self._state.samples.encoder)
+            said.append(f"drive mode {change.mode}")
+        if change.power is not None:
+            self._state.power = int(change.power == "on")
+            self._state.plc.trip = plc.NO_TRIP
+            said.append(f"drive power {change.power}")
+        return [Event(self._tick, "info", "scenario", line) for line in said]
+
+    def _block(self, timeline: HandTimeline, ticks: int, events: list[Event]) -> Iterator[Block]:
+        first = self._tick
+        hand = tick.Hand.of(timeline.sample(first, ticks))
+        noise = self._rng.standard_normal((ticks, sensors.NOISES))
+        buffers = {t.path: np.zeros((t.rows(first, ticks), len(t.signals))) for t in TOPICS}
+        pose_rows = -(-(first + ticks) // POSE_TICKS) - -(-first // POSE_TICKS)
+        trace = tick.Trace(
+            buffers["/pilot"], buffers["/column"], buffers["/drive"], buffers["/gearbox"], buffers["/load_cell"],
+            buffers["/feel"], np.zeros((pose_rows, self.model.nbody, 7)),
+        )  # fmt: skip
+        powered = self._state.power
+        failure: BenchError | None = None
+        if self.controller is None:
+            done = self._advance(hand, noise, trace, first, first, ticks, False)
+        else:
+            done, failure = self._advance_with(self.controller, hand, noise, trace, first, ticks)
+        if failure is None and done < ticks:
+            failure = DivergedError((first + done) * TICK_S, self._lost_signal())
+        if powered and not self._state.power:
+            events.append(Event(int(self._state.trip_tick), "error", "safety", _trip_message(self._state.plc.trip)))
+        if failure is not None:
+            events.append(Event(max(first + done - 1, first), "error", "simulation", str(failure)))
+        self._tick = first + done
+        if done or failure is not None:
+            yield _cut(first, done, buffers, trace.poses, tuple(events))
+        if failure is not None:
+            raise failure
+
+    def _advance(
+        self, hand: Any, noise: Any, trace: Any, block: int, first: int, ticks: int, external: bool
+    ) -> int:
+        return tick.advance(
+            self.plant, self._record, self._constants, self._state, hand, noise, trace, block, first, ticks, external,
+            external,
+        )  # fmt: skip
+
+    def _advance_with(
+        self, controller: OuterLoop, hand: Any, noise: Any, trace: Any, first: int, ticks: int
+    ) -> tuple[int, BenchError | None]:
+        """Run a block with the user's outer loop: one PLC cycle at a time, measurement before, command after."""
+        asked = self._state.plc
+        for at in range(first, first + ticks, PLC_TICKS):
+            tick.begin(self.plant, self._record, self._constants, self._state, noise[at - first], at)
+            if self._state.power:
+                time = at * TICK_S
+                try:
+                    answer = Command(*controller.step(
+                        Inputs(time, float(asked.torque), float(asked.force), float(asked.angle), float(asked.velocity))
+                    ))  # fmt: skip
+                    numbers = [float(value) for value in answer]
+                except Exception as error:  # whatever a user's object may raise
+                    where = type(controller).__name__
+                    return at - first, ControllerError(
+                        f"{where}.step failed at t = {time:.4f} s: {type(error).__name__}: {error}"
+                    )
+                if not all(map(math.isfinite, numbers)):
+                    where = type(controller).__name__
+                    return at - first, ControllerError(f"{where}.step returned {answer} at t = {time:.4f} s")
+                asked.set_angle, asked.set_velocity, asked.set_acceleration, asked.set_torque = numbers
+                model = self._state.feel
+                model.torque, model.angle, model.velocity = asked.torque, asked.set_angle, asked.set_velocity
+            done = self._advance(hand, noise, trace, first, at, PLC_TICKS, True)
+            if done < PLC_TICKS:
+                return at - first + done, None
+        return ticks, None
+
+    def _lost_signal(self) -> str:
+        for name, value in zip(state.JOINTS, self.plant.qvel, strict=True):
+            if not abs(value) < 1e4:
+                return f"velocity of joint {name}"
+        return "motor current"
+
+
+def _cycle_start(change: Change) -> int:
+    """Changes take effect at the PLC cycle in which they fall."""
+    return tick_of(change.at) // PLC_TICKS * PLC_TICKS
+
+
+def _trip_message(trip: int) -> str:
+    reason = {plc.LIMIT_SWITCH: "limit switch open", plc.FOLLOWING_ERROR: "following error too large"}[int(trip)]
+    return f"safe torque off: {reason}"
+
+
+def _cut(first: int, ticks: int, buffers: Mapping[str, Any], poses: Any, events: tuple[Event, ...]) -> Block:
+    """The block of the ticks that were run."""
+    rows = -(-(first + ticks) // POSE_TICKS) - -(-first // POSE_TICKS)
+    return Block(
+        first, ticks, {t.path: buffers[t.path][: t.rows(first, ticks)] for t in TOPICS}, poses[:rows], events
+    )
+
+
+def versions() -> dict[str, str]:
+    """Versions on which the samples depend."""
+    from importlib.metadata import version
+
+    packages = {name: version(name) for name in ("cls-bench", "mujoco", "numba", "numpy", "scipy")}
+    return {**packages, "python": platform.python_version(), "jit": "on" if JIT else "off"}
