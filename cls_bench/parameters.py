@@ -14,6 +14,7 @@ from typing import Any, Literal, get_args, get_origin
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic.config import JsonDict
 
 from cls_bench.kinematics import FourBar
 
@@ -32,8 +33,10 @@ DEG = math.pi / 180.0
 
 def quantity(default: Any, unit: str, meaning: str, source: str, *, live: bool = False, **bounds: Any) -> Any:
     """Declare a parameter; ``bounds`` are pydantic's ``gt``, ``ge``, ``lt``, ``le``."""
-    extra = {"unit": unit, "source": source, "live": live}
-    return Field(default=default, description=meaning, json_schema_extra=extra, allow_inf_nan=False, **bounds)
+    extra: JsonDict = {"unit": unit, "source": source, "live": live}
+    if isinstance(default, float):
+        bounds["allow_inf_nan"] = False
+    return Field(default=default, description=meaning, json_schema_extra=extra, **bounds)
 
 
 class Section(BaseModel):

@@ -42,10 +42,13 @@ def mesh_dampings(parameters: Parameters) -> tuple[float, float]:
 
 def configure(spec: mujoco.MjSpec, box: Gearbox) -> None:
     """Set ratio, stiffness, backlash and friction of both stages."""
-    for number, stage in ((1, box.stage1), (2, box.stage2)):
-        tendon = spec.tendon(f"stage{number}")
-        tendon.stiffness[0] = stage.stiffness
+    for number, stage, joints in ((1, box.stage1, ("motor", "carrier1")), (2, box.stage2, ("carrier1", "crank"))):
+        name = f"stage{number}"
+        spec.delete(spec.tendon(name))  # a tendon's coefficients cannot be changed: made anew, in the same order
+        tendon = spec.add_tendon(name=name, stiffness=[stage.stiffness, 0.0, 0.0])
         tendon.springlength = [-stage.backlash / 2, stage.backlash / 2]
+        tendon.wrap_joint(joints[0], 1.0 / box.ratio)
+        tendon.wrap_joint(joints[1], -1.0)
         friction.configure(
             spec, f"stage{number}_friction", stiffness=box.bristle_stiffness, damping=box.bristle_damping,
             coulomb=stage.drag, static=stage.drag * box.breakaway_ratio, stribeck=box.stribeck_velocity,

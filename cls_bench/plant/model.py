@@ -59,8 +59,6 @@ def build_spec(p: Parameters, *, scene: bool = True) -> mujoco.MjSpec:
     _place_masses(spec, p)
     motor.configure(spec, p.motor)
     gearbox.configure(spec, p.gearbox)
-    for tendon, joint in (("stage1", "motor"), ("stage2", "carrier1")):
-        _set_coefficient(spec, tendon, joint, 1.0 / p.gearbox.ratio)
     cell = spec.joint("load_cell")
     cell.stiffness[0], cell.damping[0] = p.load_cell.stiffness, damping.load_cell
     spec.joint("column").damping[0] = p.column.viscous_friction
@@ -74,14 +72,12 @@ def build_spec(p: Parameters, *, scene: bool = True) -> mujoco.MjSpec:
     area = p.column.grip_height**2
     grip = spec.tendon("grip")
     grip.stiffness[0], grip.damping[0] = p.limb.loose_stiffness * area, p.limb.loose_damping * area
-    spec.actuator("arm").set_to_pid(kp=p.limb.arm_stiffness * area, kv=p.limb.arm_damping * area)
+    inputs = mujoco.mjtCtrlInput
+    spec.actuator("arm").set_to_pid(
+        kp=p.limb.arm_stiffness * area, kv=p.limb.arm_damping * area,
+        ctrlspec=int(inputs.mjINPUT_POS) | int(inputs.mjINPUT_VEL) | int(inputs.mjINPUT_FF),
+    )  # fmt: skip
     return spec
-
-
-def _set_coefficient(spec: mujoco.MjSpec, tendon: str, joint: str, coefficient: float) -> None:
-    for wrap in spec.tendon(tendon).path:
-        if wrap.target.name == joint:
-            wrap.coef = coefficient
 
 
 def _place_masses(spec: mujoco.MjSpec, p: Parameters) -> None:

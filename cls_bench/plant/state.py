@@ -11,10 +11,10 @@ from cls_bench.compiled import handle
 Array = NDArray[np.float64]
 
 JOINTS = ("motor", "carrier1", "crank", "rod", "load_cell", "column", "limb")
-TENDONS = ("stage1", "stage2", "stop_blocks", "grip")
+TENDONS = ("stop_blocks", "grip", "stage1", "stage2")
 ACTUATORS = ("motor", "stage1_friction", "stage2_friction", "column_bearing", "arm")
 MOTOR, CARRIER1, CRANK, ROD, LOAD_CELL, COLUMN, LIMB = range(7)
-STAGE1, STAGE2, STOP_BLOCKS, GRIP = range(4)
+STOP_BLOCKS, GRIP, STAGE1, STAGE2 = range(4)
 MOTOR_DRIVE, STAGE1_FRICTION, STAGE2_FRICTION, COLUMN_BEARING, ARM = range(5)
 VOLTAGE, ARM_POSITION, ARM_VELOCITY, ARM_FORCE = range(4)
 """Places in ``ctrl``: the motor's voltage, then the three inputs of the arm."""
