@@ -354,13 +354,15 @@ class Drive(Section):
         1000.0, "Hz", "bandwidth of the current controller", "assumed: usual at a 50 µs cycle", gt=0, live=True
     )
     velocity_bandwidth: float = quantity(
-        90.0, "Hz", "bandwidth of the velocity controller", "assumed: tuned, see docs/architecture.md", gt=0, live=True
+        100.0, "Hz", "bandwidth of the velocity controller",
+        "assumed: tuned, with the two below, so that a squeezed grip is stable at I_fcs 0.30 and not at 0.25 (thesis 4.4)",
+        gt=0, live=True,
     )
     velocity_integral_time: float = quantity(
         0.02, "s", "integral time T_n of the velocity controller", "assumed: tuned", gt=0, live=True
     )
     position_bandwidth: float = quantity(
-        20.0, "Hz", "bandwidth of the position controller", "assumed: tuned", gt=0, live=True
+        35.0, "Hz", "bandwidth of the position controller", "assumed: tuned", gt=0, live=True
     )
     position_integral_time: float = quantity(
         0.0, "s", "integral time of the position controller; 0 switches the integral off",
@@ -375,7 +377,8 @@ class Drive(Section):
     )  # fmt: skip
     set_torque: float = quantity(0.0, "N·m", "torque asked for in torque mode", "chosen", live=True)
     feed_forward_velocity: bool = quantity(
-        True, "1", "feed the set velocity forward to the velocity controller", "thesis 3.6.1", live=True
+        False, "1", "feed the set velocity forward to the velocity controller",
+        "thesis 3.6.1: a further option; with it the outer loop is stable down to I_fcs 0.11", live=True,
     )
     feed_forward_inertia: bool = quantity(
         False, "1", "feed load_inertia × set acceleration forward to the current controller", "thesis 3.6.1", live=True
