@@ -3,7 +3,6 @@
 import math
 import platform
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import mujoco
@@ -13,6 +12,7 @@ from cls_bench import tick
 from cls_bench.compiled import JIT
 from cls_bench.control import plc, servo, tuning
 from cls_bench.errors import BenchError, ControllerError, InputError
+from cls_bench.geometry import Geom
 from cls_bench.kinematics import fit_polynomials
 from cls_bench.parameters import DEG, Parameters, record_of
 from cls_bench.pilot import HandTimeline
@@ -77,23 +77,6 @@ class DivergedError(BenchError):
         self.signal = signal
 
 
-@dataclass(frozen=True)
-class GeomShape:
-    """A geom of the model, for drawing."""
-
-    body: int
-    """index of the body it is fixed to"""
-    kind: str
-    """``box``, ``capsule``, ``cylinder``, ``sphere``, ``ellipsoid`` or ``plane``"""
-    size: tuple[float, float, float]
-    """half lengths or radius and half length [m], as MuJoCo defines them"""
-    position: tuple[float, float, float]
-    """in the body's frame [m]"""
-    quaternion: tuple[float, float, float, float]
-    """w, x, y, z in the body's frame"""
-    rgba: tuple[float, float, float, float]
-
-
 class Bench:
     """The rig with one set of parameters, from standstill at neutral.
 
@@ -131,7 +114,7 @@ class Bench:
         return tuple(self.model.body(i).name for i in range(self.model.nbody))
 
     @property
-    def geoms(self) -> tuple[GeomShape, ...]:
+    def geoms(self) -> tuple[Geom, ...]:
         """The shapes of all bodies."""
         m = self.model
 
@@ -139,7 +122,7 @@ class Bench:
             return tuple(float(v) for v in values)
 
         return tuple(
-            GeomShape(
+            Geom(
                 int(m.geom_bodyid[i]),
                 mujoco.mjtGeom(int(m.geom_type[i])).name.removeprefix("mjGEOM_").lower(),
                 numbers(m.geom_size[i]), numbers(m.geom_pos[i]), numbers(m.geom_quat[i]), numbers(m.geom_rgba[i]),

@@ -22,16 +22,16 @@ from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from mcap.reader import make_reader
 
 from cls_bench.errors import InputError, OutputError
-from cls_bench.recording import GeomInfo, McapRecorder, Recorder, Recording, RunInfo
+from cls_bench.geometry import Geom, along_z
+from cls_bench.recording import McapRecorder, Recorder, Recording, RunInfo
 from cls_bench.recording.layout import CYCLE_TICKS, message_dtype
-from cls_bench.recording.shapes import along_z
 from cls_bench.signals import POSE_TICKS, TICK_NS, TOPIC, TOPICS, Block, Event
 
 BODIES = ("world", "crank", "column")
 
 
-def _geom(kind: str, body: int = 1, **changes: object) -> GeomInfo:
-    plain = GeomInfo(body, kind, (0.1, 0.2, 0.3), (0.0, 0.0, 1.0), (1.0, 0.0, 0.0, 0.0), (0.2, 0.4, 0.6, 1.0))
+def _geom(kind: str, body: int = 1, **changes: object) -> Geom:
+    plain = Geom(body, kind, (0.1, 0.2, 0.3), (0.0, 0.0, 1.0), (1.0, 0.0, 0.0, 0.0), (0.2, 0.4, 0.6, 1.0))
     return replace(plain, **changes)
 
 

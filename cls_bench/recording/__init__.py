@@ -3,6 +3,6 @@
 from cls_bench.recording.mcap_reader import Recording, Series
 from cls_bench.recording.mcap_writer import McapRecorder
 from cls_bench.recording.recorder import Recorder
-from cls_bench.recording.run_info import GeomInfo, RunInfo
+from cls_bench.recording.run_info import RunInfo
 
-__all__ = ["GeomInfo", "McapRecorder", "Recorder", "Recording", "RunInfo", "Series"]
+__all__ = ["McapRecorder", "Recorder", "Recording", "RunInfo", "Series"]

@@ -23,8 +23,7 @@ from google.protobuf.descriptor_pb2 import (  # type: ignore[import-untyped]
 )
 from numpy.typing import NDArray
 
-from cls_bench.recording.run_info import GeomInfo
-from cls_bench.recording.shapes import capsule_ends, plane_box
+from cls_bench.geometry import Geom, capsule_ends, plane_box
 from cls_bench.signals import TICK_NS, Event, Topic
 
 WORLD = "world"
@@ -112,7 +111,7 @@ class Transforms:
         return bytes(self._message.SerializeToString(deterministic=True))
 
 
-def scene(body_names: Sequence[str], geoms: Sequence[GeomInfo]) -> bytes:
+def scene(body_names: Sequence[str], geoms: Sequence[Geom]) -> bytes:
     """All shapes as one ``foxglove.SceneUpdate``, an entity for every body, each in its body's frame."""
     update = SceneUpdate()
     for number, name in enumerate(body_names):
@@ -135,7 +134,7 @@ def scene(body_names: Sequence[str], geoms: Sequence[GeomInfo]) -> bytes:
 
 
 def _primitives(
-    geom: GeomInfo,
+    geom: Geom,
 ) -> Iterator[CubePrimitive | CylinderPrimitive | SpherePrimitive | TriangleListPrimitive]:
     color = Color(**dict(zip("rgba", geom.rgba, strict=True)))
     x, y, z = (2.0 * half for half in geom.size)
@@ -164,7 +163,7 @@ def _primitives(
             raise ValueError(f"cannot draw a geom of kind {kind!r}")
 
 
-def _pose(geom: GeomInfo, position: tuple[float, float, float] | None = None) -> Pose:
+def _pose(geom: Geom, position: tuple[float, float, float] | None = None) -> Pose:
     x, y, z = position or geom.position
     w, i, j, k = geom.quaternion
     return Pose(position=Vector3(x=x, y=y, z=z), orientation=Quaternion(w=w, x=i, y=j, z=k))

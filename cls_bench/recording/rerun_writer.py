@@ -14,8 +14,8 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from cls_bench.recording.run_info import GeomInfo, RunInfo
-from cls_bench.recording.shapes import along_z, plane_box
+from cls_bench.geometry import Geom, along_z, plane_box
+from cls_bench.recording.run_info import RunInfo
 from cls_bench.signals import (
     EVENTS_TOPIC,
     PLC_TICKS,
@@ -211,7 +211,7 @@ def _run_properties(info: RunInfo) -> rr.AnyValues:
     return rr.AnyValues(**values)
 
 
-def _archetypes(kind: str, geoms: Sequence[GeomInfo]) -> list[rr.AsComponents]:
+def _archetypes(kind: str, geoms: Sequence[Geom]) -> list[rr.AsComponents]:
     """Shapes of one kind and body in Rerun's terms."""
     sizes = np.array([geom.size for geom in geoms])
     look: dict[str, Any] = {
@@ -241,7 +241,7 @@ def _archetypes(kind: str, geoms: Sequence[GeomInfo]) -> list[rr.AsComponents]:
             raise ValueError(f"cannot draw a geom of kind {kind!r}")
 
 
-def _mesh(geom: GeomInfo) -> rr.Mesh3D:
+def _mesh(geom: Geom) -> rr.Mesh3D:
     vertices = np.zeros((0, 3)) if geom.vertices is None else geom.vertices
     w, *xyz = geom.quaternion
     axis = np.array(xyz)

@@ -4,30 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-
-@dataclass(frozen=True)
-class GeomInfo:
-    """A shape fixed to a body, for drawing: sizes as MuJoCo defines them."""
-
-    body: int
-    """index into :attr:`RunInfo.body_names`"""
-    kind: str
-    """``box``, ``capsule``, ``cylinder``, ``sphere``, ``ellipsoid``, ``plane`` or ``mesh``"""
-    size: tuple[float, float, float]
-    """half lengths, or radius and half length [m]"""
-    position: tuple[float, float, float]
-    """in the body's frame [m]"""
-    quaternion: tuple[float, float, float, float]
-    """w, x, y, z in the body's frame"""
-    rgba: tuple[float, float, float, float]
-    """0 … 1"""
-    vertices: NDArray[np.float32] | None = None
-    """of a mesh, shape (n, 3) [m]"""
-    faces: NDArray[np.int32] | None = None
-    """of a mesh, shape (m, 3): indices of three vertices"""
+from cls_bench.geometry import Geom
 
 
 @dataclass(frozen=True)
@@ -47,4 +24,4 @@ class RunInfo:
     """wall-clock time of the start, ISO 8601"""
     body_names: tuple[str, ...]
     """bodies of the model in the order of ``Block.poses``, world first"""
-    geoms: tuple[GeomInfo, ...] = field(default=())
+    geoms: tuple[Geom, ...] = field(default=())

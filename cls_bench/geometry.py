@@ -1,0 +1,57 @@
+"""Shapes of the bodies, for drawing: what viewers are told, and where they define a shape otherwise than MuJoCo."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Geom:
+    """A shape fixed to a body, for drawing: sizes as MuJoCo defines them."""
+
+    body: int
+    """index of the body it is fixed to; 0 is the world"""
+    kind: str
+    """``box``, ``capsule``, ``cylinder``, ``sphere``, ``ellipsoid``, ``plane`` or ``mesh``"""
+    size: tuple[float, float, float]
+    """half lengths, or radius and half length [m]"""
+    position: tuple[float, float, float]
+    """in the body's frame [m]"""
+    quaternion: tuple[float, float, float, float]
+    """w, x, y, z in the body's frame"""
+    rgba: tuple[float, float, float, float]
+    """0 … 1"""
+    vertices: NDArray[np.float32] | None = None
+    """of a mesh, shape (n, 3) [m]"""
+    faces: NDArray[np.int32] | None = None
+    """of a mesh, shape (m, 3): indices of three vertices"""
+
+
+Vector = tuple[float, float, float]
+
+PLANE_HALF_LENGTH = 1.0
+"""Drawn half length of a plane that is infinite in the model [m]."""
+
+PLANE_HALF_THICKNESS = 0.0005
+"""[m]"""
+
+
+def along_z(geom: Geom, distance: float) -> Vector:
+    """The point ``distance`` [m] from the geom's centre along its own z axis, in the body's frame [m]."""
+    w, x, y, z = geom.quaternion
+    axis = (2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y))
+    px, py, pz = geom.position
+    return (px + distance * axis[0], py + distance * axis[1], pz + distance * axis[2])
+
+
+def capsule_ends(geom: Geom) -> tuple[Vector, Vector]:
+    """Centres of the two half spheres of a capsule, in the body's frame [m]."""
+    return along_z(geom, -geom.size[1]), along_z(geom, geom.size[1])
+
+
+def plane_box(geom: Geom) -> tuple[Vector, Vector]:
+    """Half lengths and centre [m] of the thin box whose upper face is the plane."""
+    x, y, _ = geom.size
+    half = (x or PLANE_HALF_LENGTH, y or PLANE_HALF_LENGTH, PLANE_HALF_THICKNESS)
+    return half, along_z(geom, -PLANE_HALF_THICKNESS)
