@@ -1,0 +1,32 @@
+"""cls-bench: a control loading system test bench without the hardware."""
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from cls_bench.bench import Bench, Command, Inputs, OuterLoop
+    from cls_bench.experiment import Result, run
+    from cls_bench.parameters import Parameters
+    from cls_bench.recording import Recording
+    from cls_bench.scenario import Scenario, load_scenario, parse_scenario
+
+_HOMES = {
+    "Bench": "bench", "Command": "bench", "Inputs": "bench", "OuterLoop": "bench",
+    "Parameters": "parameters",
+    "Recording": "recording",
+    "Result": "experiment", "run": "experiment",
+    "Scenario": "scenario", "load_scenario": "scenario", "parse_scenario": "scenario",
+}  # fmt: skip
+
+__all__ = [
+    "Bench", "Command", "Inputs", "OuterLoop", "Parameters", "Recording", "Result", "Scenario", "load_scenario",
+    "parse_scenario", "run",
+]  # fmt: skip
+
+
+def __getattr__(name: str) -> Any:
+    # On first use: the command line's --help must not wait for MuJoCo and numba.
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from importlib import import_module
+
+    return getattr(import_module(f"cls_bench.{_HOMES[name]}"), name)

@@ -33,12 +33,14 @@ def _source_hash() -> str:
     return digest.hexdigest()[:16]
 
 
-JIT = not numba.config.DISABLE_JIT
+_config: Any = numba.config  # its settings are set at run time
+
+JIT = not _config.DISABLE_JIT
 """Whether functions marked :func:`compiled` are machine code."""
 
-_CACHE = Path(numba.config.CACHE_DIR or platformdirs.user_cache_path("cls-bench")) / _source_hash()
+_CACHE = Path(_config.CACHE_DIR or platformdirs.user_cache_path("cls-bench")) / _source_hash()
 if JIT:
-    numba.config.CACHE_DIR = str(_CACHE)
+    _config.CACHE_DIR = str(_CACHE)
 
 
 def is_cached() -> bool:

@@ -70,7 +70,8 @@ class Motor(Section):
         "assumed: 100 K rise (class F winding) at the stall torque of 1.0 N·m", gt=0,
     )  # fmt: skip
     thermal_time_constant: float = quantity(
-        60.0, "s", "time constant of the winding temperature", "assumed: windings of this size take about a minute", gt=0
+        60.0, "s", "time constant of the winding temperature", "assumed: windings of this size take about a minute",
+        gt=0,
     )
     cogging_amplitude: float = quantity(
         0.0, "N·m", "amplitude of the cogging torque", "thesis table 3.2: none", ge=0, le=1
@@ -185,7 +186,8 @@ class Gearbox(Section):
     def _losses(self) -> "Gearbox":
         if self.stage1.drag >= self.rated_torque or self.mesh_loss < 0:
             raise ValueError(
-                f"efficiency {self.efficiency:g} cannot be reached: the drag alone costs more at {self.rated_torque:g} N·m"
+                f"efficiency {self.efficiency:g} cannot be reached: "
+                f"the drag alone costs more at {self.rated_torque:g} N·m"
             )
         return self
 
@@ -342,8 +344,9 @@ class Drive(Section):
     )  # fmt: skip
     peak_current: float = quantity(20.38, "A", "current limit", "thesis table 3.2", gt=0, live=True)
     continuous_current: float = quantity(
-        3.397, "A", "current that the I²t monitor allows for good", "thesis table 3.2: 1.00 N·m at stall", gt=0, live=True
-    )
+        3.397, "A", "current that the I²t monitor allows for good", "thesis table 3.2: 1.00 N·m at stall",
+        gt=0, live=True,
+    )  # fmt: skip
     torque_limit: float = quantity(6.0, "N·m", "torque limit", "thesis table 3.2", gt=0, live=True)
     speed_limit: float = quantity(11400.0 * RPM, "rad/s", "speed limit", "thesis table 3.2", gt=0, live=True)
     load_inertia: float = quantity(
@@ -355,9 +358,9 @@ class Drive(Section):
     )
     velocity_bandwidth: float = quantity(
         100.0, "Hz", "bandwidth of the velocity controller",
-        "assumed: tuned, with the two below, so that a squeezed grip is stable at I_fcs 0.30 and not at 0.25 (thesis 4.4)",
-        gt=0, live=True,
-    )
+        "assumed: tuned, with the two below, so that a squeezed grip is stable at I_fcs 0.30 and not at 0.25 "
+        "(thesis 4.4)", gt=0, live=True,
+    )  # fmt: skip
     velocity_integral_time: float = quantity(
         0.02, "s", "integral time T_n of the velocity controller", "assumed: tuned", gt=0, live=True
     )
@@ -437,7 +440,9 @@ class Feel(Section):
     inertia: float = quantity(0.3, "kg·m²", "I_fcs", "thesis figure 4.2", gt=0, live=True)
     damping: float = quantity(1.5, "N·m·s/rad", "d_fcs", "thesis figure 4.2", ge=0, live=True)
     stiffness: float = quantity(35.0, "N·m/rad", "c_fcs", "thesis figure 4.2", ge=0, live=True)
-    friction: float = quantity(0.25, "N·m", "Coulomb friction μ_fcs, with stiction", "thesis figure 4.2", ge=0, live=True)
+    friction: float = quantity(
+        0.25, "N·m", "Coulomb friction μ_fcs, with stiction", "thesis figure 4.2", ge=0, live=True
+    )
     neutral: float = quantity(0.0, "rad", "neutral position φ_0 (trim)", "thesis 3.5.2", gt=-0.6, lt=0.6, live=True)
     aft_limit: TravelLimit = TravelLimit(angle=14.0 * DEG, stiffness=150.0, damping=2.0)
     """Travel limit of the control surface, softened by the cables. Assumed from figure 4.2's two slopes: begins at

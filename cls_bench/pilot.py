@@ -157,7 +157,7 @@ class _Piece(NamedTuple):
 
     def at(self, ticks: NDArray[np.int64]) -> tuple[Array, Array]:
         """Value and time derivative at tick numbers of the run."""
-        return self.profile((ticks - self.first) * TICK_S)
+        return self.profile((ticks - self.first).astype(np.float64) * TICK_S)
 
     def last(self) -> float:
         """The value reached when the next piece starts."""

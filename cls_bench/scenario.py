@@ -20,14 +20,23 @@ from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    PrivateAttr,
+    ValidationError,
+    WithJsonSchema,
+    field_validator,
+    model_validator,
+)
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import ErrorDetails, core_schema
 
 from cls_bench.errors import InputError
 from cls_bench.parameters import Parameters, Section, leaves
 from cls_bench.resources import shipped_scenarios
-from cls_bench.signals import TICK_S
+from cls_bench.signals import TICK_S, TOPICS
 
 Time = Annotated[float, Field(ge=0, le=3600)]
 Span = Annotated[float, Field(gt=0, le=3600)]
@@ -35,6 +44,8 @@ Degrees = Annotated[float, Field(ge=-60, le=60)]
 Newtons = Annotated[float, Field(ge=-2000, le=2000)]
 Frequency = Annotated[float, Field(gt=0, le=1000)]
 Text = Annotated[str, Field(min_length=1)]
+
+_SIGNALS = tuple(f"{topic.path}.{name}" for topic in TOPICS for name in topic.names)
 
 
 def tick_of(time: float) -> int:
@@ -319,12 +330,21 @@ class Check(_Strict):
     """what is measured, see `cls-bench list --metrics`"""
     window: Annotated[tuple[Time, Time], Field(strict=False)]
     """start and end [s]"""
+    signal: Annotated[str, WithJsonSchema({"type": "string", "enum": list(_SIGNALS)})] | None = None
+    """recorded signal that a general metric evaluates, such as "/column.torque" (topic and name)"""
     min: float | None = None
     """least value that passes [unit of the metric]"""
     max: float | None = None
     """greatest value that passes [unit of the metric]"""
     arguments: dict[str, float] = Field(default_factory=dict)
     """further numbers that the metric takes"""
+
+    @field_validator("signal")
+    @classmethod
+    def _known(cls, signal: str | None) -> str | None:
+        if signal is not None and signal not in _SIGNALS:
+            raise ValueError(f"{_shown(signal)} is not recorded; {_nearest(signal, _SIGNALS)}")
+        return signal
 
 
 class Scenario(_Strict):
@@ -390,6 +410,14 @@ class Scenario(_Strict):
     def parameters_at_start(self) -> Parameters:
         """All parameters of the bench when the run begins."""
         return _override(Parameters(), self.parameters)
+
+    def parameters_at(self, time: float) -> Parameters:
+        """All parameters of the bench once every change up to and including ``time`` [s] was made."""
+        parameters = self.parameters_at_start()
+        for change in self.changes:
+            if tick_of(change.at) <= tick_of(time):
+                parameters = change.apply(parameters)
+        return parameters
 
 
 def load_scenario(name_or_path: str | Path, *, seed: int | None = None, set: Sequence[str] = ()) -> Scenario:

@@ -1,1 +1,4 @@
-"""The controller: what runs in the PLC and in the servo drive. Sampled; sees sensor samples only, writes commands only."""
+"""The controller: what runs in the PLC and in the servo drive.
+
+Sampled; it sees sensor samples only and writes commands only.
+"""

@@ -33,7 +33,9 @@ _EVENTS = 64
 
 @compiled
 def response(time: float, decay: float, frequency_squared: float) -> tuple[float, float, float]:
-    """Q, Q̇ and Q̈ of Q̈ + 2a Q̇ + k Q = 1 from rest, after ``time`` [s]; a = ``decay`` [1/s], k = ``frequency_squared`` [1/s²].
+    """Q, Q̇ and Q̈ of Q̈ + 2a Q̇ + k Q = 1 from rest, after ``time`` [s].
+
+    a = ``decay`` [1/s], k = ``frequency_squared`` [1/s²].
 
     Q̇ is the impulse response, so every solution of the linear body follows from these three. A power series where it
     converges to machine precision, which also covers k = 0; the closed form elsewhere.

@@ -8,7 +8,9 @@ from cls_bench.kinematics import polynomial
 
 
 @compiled
-def motor_from_column(poly: Any, ratio: float, angle: float, velocity: float, acceleration: float) -> tuple[float, float, float]:
+def motor_from_column(
+    poly: Any, ratio: float, angle: float, velocity: float, acceleration: float
+) -> tuple[float, float, float]:
     """Motor angle [rad], velocity and acceleration for a motion of the column; ``ratio`` is the gearbox's (25)."""
     slope = polynomial(poly.ratio, angle)
     crank = polynomial(poly.crank, angle)

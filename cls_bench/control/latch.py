@@ -17,4 +17,4 @@ def write(latch: Any, cycle: int, slot: int, value: float) -> None:
 @compiled
 def read(latch: Any, cycle: int, delay: int, slot: int) -> float:
     """The value written ``delay`` cycles ago; the first one written, before there was any that old."""
-    return latch[max(cycle - delay, 0) % DEPTH, slot]
+    return float(latch[max(cycle - delay, 0) % DEPTH, slot])

@@ -41,7 +41,10 @@ STATE = np.dtype(
 
 
 @compiled
-def measure(p: Any, bar: Any, poly: Any, unbalance: float, newtons_per_count: float, samples: Any, bus: Any, cycle: int, state: Any) -> None:
+def measure(
+    p: Any, bar: Any, poly: Any, unbalance: float, newtons_per_count: float,
+    samples: Any, bus: Any, cycle: int, state: Any,
+) -> None:  # fmt: skip
     """From counts and the encoder, as it arrives over the bus, to pilot torque and column angle.
 
     T_meas = r F cos(φ − φ_co) − T_stat(φ), T_stat = ``unbalance`` · φ

@@ -56,7 +56,9 @@ def reset(state: Any, encoder: float) -> None:
 
 
 @compiled
-def position_controller(drive: Any, gains: Gains, state: Any, encoder: float, set_position: float, set_velocity: float, cycle: float) -> None:
+def position_controller(
+    drive: Any, gains: Gains, state: Any, encoder: float, set_position: float, set_velocity: float, cycle: float
+) -> None:
     """PI position controller with velocity feed-forward; anti-windup by conditional integration. Every 400 µs.
 
     velocity = k_p (e + 1/T_n ∫ e dt) + set velocity, limited to the speed limit
@@ -106,11 +108,13 @@ def current_limit(drive: Any, state: Any, current: float, time_constant: float, 
     """
     ratio = current / drive.continuous_current
     state.thermal_load += (ratio * ratio - state.thermal_load) * tick / time_constant
-    return drive.peak_current if state.thermal_load < 1.0 else drive.continuous_current
+    return float(drive.peak_current if state.thermal_load < 1.0 else drive.continuous_current)
 
 
 @compiled
-def current_controller(drive: Any, motor: Any, gains: Gains, state: Any, current: float, voltage_limit: float, tick: float) -> None:
+def current_controller(
+    drive: Any, motor: Any, gains: Gains, state: Any, current: float, voltage_limit: float, tick: float
+) -> None:
     """PI current controller with back-EMF decoupling and voltage limit; anti-windup by clamping. Every tick.
 
     voltage = k_p e + k_i ∫ e dt + K ω

@@ -1,4 +1,4 @@
-"""Gains of the cascade, designed from bandwidths, the motor's data and the known inertia. One set for every scenario."""
+"""Gains of the cascade, designed from bandwidths, motor data and the known inertia; one set for every scenario."""
 
 import math
 from typing import Any, NamedTuple

@@ -15,7 +15,7 @@ def grip_force(plant: Any) -> float:
     """Torque [N·m] of the grip on the column."""
     stretch = plant.qpos[LIMB] - plant.qpos[COLUMN] - plant.tendon_spring[GRIP, 0]
     rate = plant.qvel[LIMB] - plant.qvel[COLUMN]
-    return plant.tendon_stiffness[GRIP] * stretch + plant.tendon_damping[GRIP] * rate
+    return float(plant.tendon_stiffness[GRIP] * stretch + plant.tendon_damping[GRIP] * rate)
 
 
 @compiled

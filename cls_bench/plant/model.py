@@ -12,8 +12,18 @@ from cls_bench.plant.gearbox import update_stage
 from cls_bench.plant.limb import update_grip
 from cls_bench.plant.play import set_play
 from cls_bench.plant.state import (
-    BRISTLE1, BRISTLE2, CARRIER1, COLUMN, COLUMN_BEARING, CRANK, MOTOR, STAGE1, STAGE1_FRICTION, STAGE2,
-    STAGE2_FRICTION, STOP_BLOCKS,
+    BRISTLE1,
+    BRISTLE2,
+    CARRIER1,
+    COLUMN,
+    COLUMN_BEARING,
+    CRANK,
+    MOTOR,
+    STAGE1,
+    STAGE1_FRICTION,
+    STAGE2,
+    STAGE2_FRICTION,
+    STOP_BLOCKS,
 )  # fmt: skip
 from cls_bench.resources import model_folder
 from cls_bench.signals import TICK_S
@@ -116,7 +126,9 @@ def _place_masses(spec: mujoco.MjSpec, p: Parameters) -> None:
 
 
 @compiled
-def update(plant: Any, p: Any, mesh_loss: float, damping: Dampings, attached: bool, squeeze: float) -> tuple[float, float, float, float]:
+def update(
+    plant: Any, p: Any, mesh_loss: float, damping: Dampings, attached: bool, squeeze: float
+) -> tuple[float, float, float, float]:
     """Set all that depends on the state for the coming plant step.
 
     Returns twist [rad] and torque [N·m] of stage 1, then of stage 2.

@@ -34,7 +34,9 @@ def dead_zone(displacement: float, lower: float, upper: float) -> float:
 
 
 @compiled
-def set_play(plant: Any, tendon: int, displacement: float, rate: float, lower: float, upper: float, damping: float) -> float:
+def set_play(
+    plant: Any, tendon: int, displacement: float, rate: float, lower: float, upper: float, damping: float
+) -> float:
     """Give a tendon its dead zone and its contact damping for this step; returns its torque [N·m]."""
     deflection = dead_zone(displacement, lower, upper)
     torque, limited = contact_torque(deflection, rate, plant.tendon_stiffness[tendon], damping)

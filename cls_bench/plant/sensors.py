@@ -34,7 +34,7 @@ def _quantised(value: float, step: float) -> float:
 @compiled
 def load_cell_count(cell: Any) -> float:
     """Force [N] of one converter count: the range, to both sides, over 2^bits."""
-    return 2.0 * cell.capacity / 2.0**cell.adc_bits
+    return float(2.0 * cell.capacity / 2.0**cell.adc_bits)
 
 
 @compiled
