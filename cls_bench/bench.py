@@ -103,6 +103,22 @@ class Bench:
         self._apply(parameters)
 
     @property
+    def time(self) -> float:
+        """Time simulated so far [s]."""
+        return self._tick * TICK_S
+
+    def compile(self) -> None:
+        """Have the loop's machine code ready: compiled once for each version of the sources, then from the cache."""
+        none = np.zeros(0)
+        hand = tick.Hand(none, none, none, np.zeros(0, np.bool_), np.zeros(0, np.bool_), none)
+        noise = np.zeros((0, sensors.NOISES))
+        _, trace = self._buffers(0, 0)
+        self._advance(hand, noise, trace, 0, 0, 0, False)
+        if self.controller is not None:
+            saved = self._state.copy()
+            tick.begin(self.plant, self._record, self._constants, saved, np.zeros(sensors.NOISES), 0)
+
+    @property
     def mjcf(self) -> Mapping[str, bytes]:
         """The complete model as run, and the files it was made from, by file name."""
         files = {name: (model_folder() / name).read_bytes() for name in ("cls_bench.xml", "scene.xml")}
@@ -193,12 +209,7 @@ class Bench:
         first = self._tick
         hand = tick.Hand.of(timeline.sample(first, ticks))
         noise = self._rng.standard_normal((ticks, sensors.NOISES))
-        buffers = {t.path: np.zeros((t.rows(first, ticks), len(t.signals))) for t in TOPICS}
-        pose_rows = -(-(first + ticks) // POSE_TICKS) - -(-first // POSE_TICKS)
-        trace = tick.Trace(
-            buffers["/pilot"], buffers["/column"], buffers["/drive"], buffers["/gearbox"], buffers["/load_cell"],
-            buffers["/feel"], np.zeros((pose_rows, self.model.nbody, 7)),
-        )  # fmt: skip
+        buffers, trace = self._buffers(first, ticks)
         powered = self._state.power
         failure: BenchError | None = None
         if self.controller is None:
@@ -216,6 +227,16 @@ class Bench:
             yield _cut(first, done, buffers, trace.poses, tuple(events))
         if failure is not None:
             raise failure
+
+    def _buffers(self, first: int, ticks: int) -> tuple[dict[str, Any], tick.Trace]:
+        """Room for the signals and poses of a block."""
+        buffers = {t.path: np.zeros((t.rows(first, ticks), len(t.signals))) for t in TOPICS}
+        pose_rows = -(-(first + ticks) // POSE_TICKS) - -(-first // POSE_TICKS)
+        trace = tick.Trace(
+            buffers["/pilot"], buffers["/column"], buffers["/drive"], buffers["/gearbox"], buffers["/load_cell"],
+            buffers["/feel"], np.zeros((pose_rows, self.model.nbody, 7)),
+        )  # fmt: skip
+        return buffers, trace
 
     def _advance(
         self, hand: Any, noise: Any, trace: Any, block: int, first: int, ticks: int, external: bool

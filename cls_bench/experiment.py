@@ -1,0 +1,241 @@
+"""One experiment from scenario to verdict: run the bench, record, measure."""
+
+import datetime as dt
+import math
+import subprocess
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from cls_bench.analysis import metrics
+from cls_bench.analysis.window import Window
+from cls_bench.bench import Bench, DivergedError, OuterLoop, versions
+from cls_bench.compiled import is_cached
+from cls_bench.errors import ControllerError, InputError
+from cls_bench.recording import Recorder, Recording, RunInfo
+from cls_bench.scenario import Check, Scenario, load_scenario
+
+RECORDINGS = Path("recordings")
+"""Where recordings go unless told otherwise: a folder in the current one."""
+
+PASSED, FAILED, DIVERGED = "passed", "failed", "diverged"
+EXIT_CODES = {PASSED: 0, FAILED: 1, DIVERGED: 3}
+
+
+@dataclass(frozen=True)
+class CheckResult:
+    """What a check measured."""
+
+    check: Check
+    value: float
+    """NaN if the run ended before its window"""
+    unit: str
+
+    @property
+    def judged(self) -> bool:
+        """Whether the check has a limit; otherwise it only reports."""
+        return self.check.min is not None or self.check.max is not None
+
+    @property
+    def passed(self) -> bool:
+        """Whether the value lies within the limits."""
+        low = -math.inf if self.check.min is None else self.check.min
+        high = math.inf if self.check.max is None else self.check.max
+        return not self.judged or low <= self.value <= high
+
+
+@dataclass(frozen=True)
+class Timing:
+    """How long the run took."""
+
+    simulated_s: float
+    wall_s: float
+    """with recording, without compilation"""
+
+    @property
+    def real_time_factor(self) -> float:
+        """Simulated over wall-clock time."""
+        return self.simulated_s / self.wall_s if self.wall_s > 0 else math.inf
+
+
+@dataclass(frozen=True)
+class Result:
+    """Outcome of a run."""
+
+    scenario: Scenario
+    status: str
+    """``passed``, ``failed`` or ``diverged``"""
+    checks: tuple[CheckResult, ...]
+    mcap: Path
+    rrd: Path | None
+    timing: Timing
+    message: str = ""
+    """why it diverged"""
+
+    @property
+    def exit_code(self) -> int:
+        """Exit code of the command line."""
+        return EXIT_CODES[self.status]
+
+    def __getitem__(self, name: str) -> float:
+        """Value of the metric that the scenario lists under ``name``; KeyError that names those there are."""
+        values = {result.check.name: result.value for result in self.checks}
+        if name not in values:
+            raise KeyError(f"{name}; the scenario measures {', '.join(values) or 'nothing'}")
+        return values[name]
+
+    def recording(self) -> Recording:
+        """The recording, to read signals from."""
+        return Recording(self.mcap)
+
+    def to_json(self) -> dict[str, Any]:
+        """What ``cls-bench run --json`` prints."""
+        return {
+            "scenario": self.scenario.name,
+            "status": self.status,
+            **({"message": self.message} if self.message else {}),
+            "metrics": {r.check.name: {"value": _finite(r.value), "unit": r.unit} for r in self.checks},
+            "checks": [
+                {
+                    "name": r.check.name, "metric": r.check.metric, "window": list(r.check.window),
+                    "value": _finite(r.value), "unit": r.unit, "min": r.check.min, "max": r.check.max,
+                    "passed": r.passed,
+                }
+                for r in self.checks if r.judged
+            ],
+            "recordings": {"mcap": str(self.mcap), "rrd": str(self.rrd) if self.rrd else None},
+            "timing": {
+                "simulated_s": self.timing.simulated_s,
+                "wall_s": round(self.timing.wall_s, 4),
+                "real_time_factor": round(self.timing.real_time_factor, 2),
+            },
+        }  # fmt: skip
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+class Progress:
+    """Told how far a run is; the base class says nothing."""
+
+    def compiling(self) -> None:
+        """Called before the first run compiles the loop, which happens once."""
+
+    def advanced(self, simulated_s: float, real_time_factor: float) -> None:
+        """Called after every block."""
+
+
+def validate(scenario: Scenario) -> None:
+    """Raise InputError unless the bench can be built and all checks can be measured."""
+    _check_metrics(scenario)
+    Bench(scenario.parameters_at_start(), seed=scenario.seed)
+
+
+def _check_metrics(scenario: Scenario) -> None:
+    for k, check in enumerate(scenario.checks):
+        try:
+            metrics.validate(check)
+        except InputError as error:
+            raise InputError(f"{scenario.path or scenario.name}: checks[{k}].{error}") from None
+
+
+def run(
+    scenario: Scenario | str | Path,
+    *,
+    out: Path | str = RECORDINGS,
+    seed: int | None = None,
+    set: Sequence[str] = (),
+    rerun: bool = True,
+    controller: OuterLoop | None = None,
+    progress: Progress | None = None,
+) -> Result:
+    """Run a scenario, shipped by name, from a file or as an object; record it in the folder ``out``; measure it.
+
+    ``seed`` and ``set`` (``KEY=VALUE``) override the file's values; ``controller`` replaces the feel model. Raises
+    InputError and OutputError; a run that diverges is a Result with that status, its recording ends there.
+    """
+    if not isinstance(scenario, Scenario):
+        scenario = load_scenario(scenario, seed=seed, set=set)
+    elif seed is not None or set:
+        raise InputError("seed and set override the values of a file; this scenario is loaded already")
+    progress = progress or Progress()
+    _check_metrics(scenario)
+    bench = Bench(scenario.parameters_at_start(), seed=scenario.seed, controller=controller)
+    message = ""
+    with Recorder(_stem(Path(out), scenario), run_info(scenario, bench), rerun=rerun) as recorder:
+        if not is_cached():
+            progress.compiling()
+        bench.compile()
+        start = time.perf_counter()
+        simulated = 0.0
+        try:
+            for block in bench.run(scenario):
+                recorder.write(block)
+                simulated = bench.time
+                progress.advanced(simulated, simulated / (time.perf_counter() - start))
+        except (DivergedError, ControllerError) as error:
+            message = str(error)
+        recorder.finish(DIVERGED if message else "complete")
+        timing = Timing(simulated, time.perf_counter() - start)
+    checks = measure(scenario, Recording(recorder.mcap_path))
+    if message:
+        status = DIVERGED
+    else:
+        status = PASSED if all(check.passed for check in checks) else FAILED
+    return Result(scenario, status, checks, recorder.mcap_path, recorder.rrd_path, timing, message)
+
+
+def measure(scenario: Scenario, recording: Recording) -> tuple[CheckResult, ...]:
+    """Evaluate the scenario's checks on a recording of it."""
+    windows: dict[tuple[float, float], Window] = {}
+    results = []
+    for check in scenario.checks:
+        if check.window not in windows:
+            start, end = check.window
+            windows[check.window] = Window(recording, start, end, scenario.parameters_at(start))
+        results.append(CheckResult(check, metrics.evaluate(check, windows[check.window]), metrics.unit(check)))
+    return tuple(results)
+
+
+def run_info(scenario: Scenario, bench: Bench) -> RunInfo:
+    """What the recording says of a run besides its samples."""
+    return RunInfo(
+        scenario_name=scenario.name,
+        scenario_toml=scenario.source,
+        mjcf=bench.mjcf,
+        parameters=bench.parameters.model_dump(),
+        metadata={
+            "title": scenario.title, "seed": str(scenario.seed), "overrides": "\n".join(scenario.overrides),
+            "units": "SI; radians", "commit": _commit(), **versions(),
+        },
+        wall_start=dt.datetime.now(dt.UTC).isoformat(timespec="milliseconds"),
+        body_names=bench.body_names,
+        geoms=bench.geoms,
+    )  # fmt: skip
+
+
+def _stem(folder: Path, scenario: Scenario) -> Path:
+    """A new name in ``folder``: no run overwrites another's recording."""
+    stem = folder / f"{scenario.name}-{dt.datetime.now():%Y%m%d-%H%M%S}"
+    candidate, number = stem, 1
+    while candidate.with_name(f"{candidate.name}.mcap").exists():
+        number += 1
+        candidate = stem.with_name(f"{stem.name}-{number}")
+    return candidate
+
+
+def _commit() -> str:
+    """Commit of the checkout the package runs from; "none" outside of one."""
+    folder = Path(__file__).parent
+    try:
+        git = subprocess.run(
+            ["git", "describe", "--always", "--dirty", "--abbrev=12"],
+            cwd=folder, capture_output=True, text=True, timeout=5, check=True,
+        )  # fmt: skip
+    except (OSError, subprocess.SubprocessError):
+        return "none"
+    return git.stdout.strip()
+
