@@ -11,37 +11,40 @@ from cls_bench.plant.state import ARM, ARM_FORCE, ARM_POSITION, ARM_VELOCITY, CO
 
 
 @compiled
-def grip_force(plant: Any) -> float:
+def grip_force(plant: Any, grip: int = GRIP, hand: int = LIMB, column: int = COLUMN) -> float:
     """Torque [N·m] of the grip on the column."""
-    stretch = plant.qpos[LIMB] - plant.qpos[COLUMN] - plant.tendon_spring[GRIP, 0]
-    rate = plant.qvel[LIMB] - plant.qvel[COLUMN]
-    return float(plant.tendon_stiffness[GRIP] * stretch + plant.tendon_damping[GRIP] * rate)
+    stretch = plant.qpos[hand] - plant.qpos[column] - plant.tendon_spring[grip, 0]
+    rate = plant.qvel[hand] - plant.qvel[column]
+    return float(plant.tendon_stiffness[grip] * stretch + plant.tendon_damping[grip] * rate)
 
 
 @compiled
-def update_grip(plant: Any, limb: Any, height: float, attached: bool, squeeze: float) -> None:
+def update_grip(
+    plant: Any, limb: Any, height: float, attached: bool, squeeze: float,
+    grip: int = GRIP, hand: int = LIMB, column: int = COLUMN,
+) -> None:  # fmt: skip
     """Set stiffness and damping of the grip for ``squeeze`` 0…1, or let go.
 
     Between loose and tight both run on a logarithmic scale. The spring's rest length moves such that the force does
     not change while the hand squeezes or loosens, and is zero at the moment it grabs.
     """
     if not attached:
-        plant.tendon_stiffness[GRIP] = 0.0
-        plant.tendon_damping[GRIP] = 0.0
+        plant.tendon_stiffness[grip] = 0.0
+        plant.tendon_damping[grip] = 0.0
         return
     area = height * height
     stiffness = area * limb.loose_stiffness * math.pow(limb.tight_stiffness / limb.loose_stiffness, squeeze)
     damping = area * (limb.loose_damping * math.pow(limb.tight_damping / limb.loose_damping, squeeze))
-    before = plant.tendon_stiffness[GRIP]
+    before = plant.tendon_stiffness[grip]
     if stiffness == before:
-        plant.tendon_damping[GRIP] = damping
+        plant.tendon_damping[grip] = damping
         return
-    offset = plant.qpos[LIMB] - plant.qpos[COLUMN]
-    rest = offset - before * (offset - plant.tendon_spring[GRIP, 0]) / stiffness
-    plant.tendon_spring[GRIP, 0] = rest
-    plant.tendon_spring[GRIP, 1] = rest
-    plant.tendon_stiffness[GRIP] = stiffness
-    plant.tendon_damping[GRIP] = damping
+    offset = plant.qpos[hand] - plant.qpos[column]
+    rest = offset - before * (offset - plant.tendon_spring[grip, 0]) / stiffness
+    plant.tendon_spring[grip, 0] = rest
+    plant.tendon_spring[grip, 1] = rest
+    plant.tendon_stiffness[grip] = stiffness
+    plant.tendon_damping[grip] = damping
 
 
 @compiled

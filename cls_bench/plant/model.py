@@ -1,6 +1,7 @@
 """From parameters to a compiled MuJoCo model: the MJCF gives the structure, the parameters give every number."""
 
 import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import mujoco
@@ -87,6 +88,34 @@ def build_spec(p: Parameters, *, scene: bool = True) -> mujoco.MjSpec:
         kp=p.limb.arm_stiffness * area, kv=p.limb.arm_damping * area,
         ctrlspec=int(inputs.mjINPUT_POS) | int(inputs.mjINPUT_VEL) | int(inputs.mjINPUT_FF),
     )  # fmt: skip
+    return spec
+
+
+def element_spec(p: Parameters, joints: Sequence[str], parts: Sequence[str] = ()) -> mujoco.MjSpec:
+    """A part of the bench alone: the bench's own model, cut down to ``joints`` and ``parts``.
+
+    ``joints`` are the joints that stay movable; a body on which none of them bears is left out. ``parts`` are the
+    tendons and actuators that stay. Everything else is removed, so the element is built by the code that builds the
+    bench. Raises ValueError if a name is not in the model.
+    """
+    spec = build_spec(p, scene=False)
+    if unknown := {*joints, *parts} - {item.name for item in (*spec.joints, *spec.tendons, *spec.actuators)}:
+        raise ValueError(f"the bench has no joint, tendon or actuator named {', '.join(sorted(unknown))}")
+    for item in (*spec.equalities, *spec.tendons, *spec.actuators):
+        if item.name not in parts:
+            spec.delete(item)
+    kept: set[str] = set()
+    for name in joints:
+        body = spec.joint(name).parent
+        while body.name != "world":
+            kept.add(body.name)
+            body = body.parent
+    for joint in spec.joints:
+        if joint.name not in joints and joint.parent.name in kept:
+            spec.delete(joint)
+    for name in [body.name for body in spec.bodies if body.name != "world" and body.name not in kept]:
+        if (body := spec.body(name)) is not None:  # not yet gone with its parent
+            spec.delete(body)
     return spec
 
 

@@ -38,25 +38,32 @@ def load_cell_count(cell: Any) -> float:
 
 
 @compiled
-def sample(plant: Any, p: Any, cell_damping: float, noise: Any, samples: Any) -> None:
-    """Take one sample of every sensor.
+def weigh(cell: Any, force: float, noise: float, samples: Any) -> None:
+    """Take one sample of the load cell under ``force`` [N], tension positive.
 
-    The load cell's amplifier is a first-order low pass, discretised exactly for a force held over the tick; its
-    converter saturates at the range. ``noise`` holds :data:`NOISES` standard normal numbers.
+    The amplifier is a first-order low pass, discretised exactly for a force held over the tick; its converter
+    saturates at the range. ``noise`` is a standard normal number.
     """
+    samples.strain_force = force
+    blend = 1.0 - math.exp(-2.0 * math.pi * cell.filter_bandwidth * TICK_S)
+    samples.filter_state += blend * (force - samples.filter_state)
+    amplified = samples.filter_state + cell.noise * noise
+    full_scale = 2.0 ** (cell.adc_bits - 1)
+    counts = math.floor(amplified / load_cell_count(cell) + 0.5)
+    samples.load_cell = min(max(counts, -full_scale), full_scale - 1.0)
+
+
+@compiled
+def sample(plant: Any, p: Any, cell_damping: float, noise: Any, samples: Any) -> None:
+    """Take one sample of every sensor; ``noise`` holds :data:`NOISES` standard normal numbers."""
     encoder = p.encoder
     step = 2.0 * math.pi / (encoder.counts * encoder.interpolation)
     samples.encoder = _quantised(plant.qpos[MOTOR] + encoder.noise * noise[0], step)
     samples.current = plant.act[CURRENT]
 
     cell = p.load_cell
-    samples.strain_force = cell.stiffness * plant.qpos[LOAD_CELL] + cell_damping * plant.qvel[LOAD_CELL]
-    blend = 1.0 - math.exp(-2.0 * math.pi * cell.filter_bandwidth * TICK_S)
-    samples.filter_state += blend * (samples.strain_force - samples.filter_state)
-    amplified = samples.filter_state + cell.noise * noise[1]
-    full_scale = 2.0 ** (cell.adc_bits - 1)
-    counts = math.floor(amplified / load_cell_count(cell) + 0.5)
-    samples.load_cell = min(max(counts, -full_scale), full_scale - 1.0)
+    force = cell.stiffness * plant.qpos[LOAD_CELL] + cell_damping * plant.qvel[LOAD_CELL]
+    weigh(cell, force, noise[1], samples)
 
     column = plant.qpos[COLUMN]
     pot = p.potentiometer

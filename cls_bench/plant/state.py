@@ -60,6 +60,11 @@ def view(model: mujoco.MjModel, data: mujoco.MjData) -> Plant:
             raise ValueError(f"the model's {what} are {found}, expected {expected}")
     if model.na != 5 or model.nu != 4:
         raise ValueError(f"the model has {model.na} activations and {model.nu} controls, expected 5 and 4")
+    return memory(model, data)
+
+
+def memory(model: mujoco.MjModel, data: mujoco.MjData) -> Plant:
+    """The :class:`Plant` of a compiled model of any layout, such as an element alone."""
     return Plant(
         handle(model), handle(data),
         data.qpos, data.qvel, data.ctrl, data.act, data.actuator_force, data.xpos, data.xquat,
