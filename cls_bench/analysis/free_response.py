@@ -119,7 +119,7 @@ def _first_below(times: Array, x: Array, level: float) -> float:
 def _shape(times: Array, x: Array) -> _Shape:
     crossings, overshoots = [], []
     at = np.flatnonzero(np.sign(x[:-1]) * np.sign(x[1:]) < 0)
-    for begin, end in zip(at, [*at[1:], len(x) - 1], strict=True):
+    for begin, end in zip(at, [*at[1:], len(x) - 1], strict=False):
         excursion = float(np.max(np.abs(x[begin : end + 1])))
         if excursion < BAND:
             break

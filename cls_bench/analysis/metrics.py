@@ -151,14 +151,19 @@ def ripple(window: Window, signal: Array, above_hz: float) -> float:
 # --- friction --------------------------------------------------------------------------------------------------------
 
 
-@_metric("N·m", threshold_deg=Argument(0.5, "deg", "how far the column must have moved to count as moving"))
-def breakout_torque(window: Window, threshold_deg: float) -> float:
+@_metric(
+    "N·m",
+    threshold_deg=Argument(0.5, "deg", "how far the column must have moved to count as moving"),
+    below_hz=Argument(30.0, "Hz", "faster changes are left out, as by a force gauge: blows within the backlash"),
+)
+def breakout_torque(window: Window, threshold_deg: float, below_hz: float) -> float:
     """Largest torque at the load cell before the column moves, from the window's start."""
     angle = window["/column.angle"]
     moved = np.flatnonzero(np.abs(angle - angle[0]) > threshold_deg * DEG)
     until = int(moved[0]) + 1 if len(moved) else len(angle)
-    torque = window["/load_cell.torque"][:until]
-    return float(np.max(np.abs(torque - torque[0])))
+    sos = butter(2, below_hz, fs=window.rate, output="sos")
+    torque = sosfiltfilt(sos, window["/load_cell.torque"])[:until]
+    return float(np.max(np.abs(torque)))
 
 
 @_metric("N·m", at_deg=Argument(0.0, "deg", "column angle at which the loop's width is taken"))
