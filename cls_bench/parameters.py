@@ -127,14 +127,14 @@ class Gearbox(Section):
     )
     efficiency: float = quantity(
         0.85, "1", "overall efficiency when the motor drives at rated_torque; sets the load-dependent mesh loss",
-        "thesis 3.2.2", gt=0.3, le=1,
+        "thesis 3.2.2", gt=0.1, le=1,
     )  # fmt: skip
     rated_torque: float = quantity(
         1.0, "N·m", "motor torque at which the efficiency holds", "thesis 3.2.2: the stall torque", gt=0
     )
     backdrive_loss_ratio: float = quantity(
         1.5, "1", "mesh loss when back-driven over mesh loss when driving",
-        "assumed: sliding on the approach side of the teeth rubs more", ge=1, le=5,
+        "assumed: sliding on the approach side of the teeth rubs more", ge=0, le=5,
     )  # fmt: skip
     breakaway_ratio: float = quantity(
         1.1, "1", "static over Coulomb friction of the meshes", "assumed: oil-wetted steel", ge=1, le=3
