@@ -9,7 +9,9 @@ or the wiring of the loops and hold for the whole run.
 """
 
 import math
+import sys
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
 
 import numpy as np
@@ -90,7 +92,7 @@ class GearStage(Section):
 
     stiffness: float = quantity(0.0, "N·m/rad", "torsional stiffness once the backlash is taken up", "", gt=0)
     damping_ratio: float = quantity(
-        0.05, "1", "damping of the mesh as a fraction of critical against its lighter side",
+        0.05, "1", "damping of the mesh as a fraction of critical for the two inertias it lies between",
         "assumed: lubricated steel teeth lose some per cent a cycle", ge=0, le=1,
     )  # fmt: skip
     backlash: float = quantity(0.0, "rad", "total play", "", ge=0, le=0.05)
@@ -145,7 +147,7 @@ class Gearbox(Section):
     )  # fmt: skip
     bristle_stiffness: float = quantity(
         800.0, "N·m/rad", "presliding stiffness of the meshing friction at a stage's input shaft",
-        "assumed: 0.08 mrad of give at the motor before it slips, far below one encoder count", gt=0,
+        "assumed: 0.07 mrad of give at the motor before it slips, far below one encoder count (1.5 mrad)", gt=0,
     )  # fmt: skip
     bristle_damping: float = quantity(
         0.15, "N·m·s/rad", "presliding damping of the meshing friction",
@@ -154,13 +156,13 @@ class Gearbox(Section):
     stage1: GearStage = GearStage(
         stiffness=1.2 / ARCMIN, backlash=5.0 * ARCMIN, drag=0.055, transmission_error=0.4 * ARCMIN
     )
-    """First stage. Assumed: 1.2 N·m/arcmin and 5 arcmin at its output, that is 30 N·m/arcmin and 1 arcmin at the
-    gearbox output; drag 0.055 N·m, in the class's range of idle torque (0.05 to 0.3 N·m)."""
+    """assumed: 1.2 N·m/arcmin and 5 arcmin at its output, that is 30 N·m/arcmin and 1 arcmin at the gearbox output;
+    drag 0.055 N·m, in the class's range of idle torque (0.05 to 0.3 N·m); transmission error a tenth of the play"""
     stage2: GearStage = GearStage(
         stiffness=6.0 / ARCMIN, backlash=3.0 * ARCMIN, drag=0.125, transmission_error=0.3 * ARCMIN
     )
-    """Second stage. Assumed: 6 N·m/arcmin (class: 2 to 8 in all) and 3 arcmin, so the total play is 4 arcmin, under
-    the thesis's 5; drag 0.125 N·m at its input, 0.025 N·m at the motor."""
+    """assumed: 6 N·m/arcmin (class: 2 to 8 in all) and 3 arcmin, so the total play is 4 arcmin, under the 5 of thesis
+    3.2.2; drag 0.125 N·m at its input, 0.025 N·m at the motor; transmission error a tenth of the play"""
 
     @property
     def input_total_inertia(self) -> float:
@@ -210,6 +212,12 @@ class Linkage(Section):
         0.15, "kg", "part of rod_column_mass on the column's side of the strain gauge",
         "assumed: half of a 0.2 kg load cell and the rod end", gt=0,
     )  # fmt: skip
+
+    @model_validator(mode="after")
+    def _masses(self) -> "Linkage":
+        if not self.rod_end_mass < self.rod_column_mass:
+            raise ValueError("rod_end_mass is a part of rod_column_mass and must be less")
+        return self
 
     @property
     def four_bar(self) -> FourBar:
@@ -262,8 +270,9 @@ class Column(Section):
         22.5 * DEG, "rad", "where the stop blocks stand", "assumed: beyond travel and switches", gt=0, lt=0.6
     )
     stop_stiffness: float = quantity(
-        2.0e4, "N·m/rad", "stiffness of a stop block", "assumed: rubber-faced metal, 0.3 mm per kN at the grip", gt=0
-    )
+        2.0e4, "N·m/rad", "stiffness of a stop block", "assumed: rubber-faced metal, 4.5 mm at the grip per kN there",
+        gt=0,
+    )  # fmt: skip
     stop_damping: float = quantity(
         20.0, "N·m·s/rad", "damping of a stop block", "assumed: a third of critical for the bare column", ge=0
     )
@@ -272,6 +281,12 @@ class Column(Section):
     def _order(self) -> "Column":
         if not self.travel < self.switch_angle < self.stop_angle:
             raise ValueError("travel, switch_angle and stop_angle must grow in this order")
+        return self
+
+    @model_validator(mode="after")
+    def _masses(self) -> "Column":
+        if not self.mass * self.mass_height**2 < self.inertia:
+            raise ValueError("inertia must exceed mass × mass_height²: it is taken about the axis")
         return self
 
 
@@ -445,10 +460,9 @@ class Feel(Section):
     )
     neutral: float = quantity(0.0, "rad", "neutral position φ_0 (trim)", "thesis 3.5.2", gt=-0.6, lt=0.6, live=True)
     aft_limit: TravelLimit = TravelLimit(angle=14.0 * DEG, stiffness=150.0, damping=2.0)
-    """Travel limit of the control surface, softened by the cables. Assumed from figure 4.2's two slopes: begins at
-    14°, adds 150 N·m/rad."""
+    """control surface's, softened by the cables: assumed after the two slopes of thesis figure 4.2"""
     forward_limit: TravelLimit = TravelLimit(angle=17.0 * DEG, stiffness=1500.0, damping=15.0)
-    """Travel limit of the column itself, stiff. Assumed: begins at 17°, adds 1500 N·m/rad, well damped."""
+    """column's own, stiff: assumed after the two slopes of thesis figure 4.2, well damped"""
     centering_stiffness: float = quantity(
         0.0, "N·m/rad", "slope of the centering unit about neutral", "thesis 3.5.2", ge=0, live=True
     )
@@ -494,15 +508,19 @@ class Parameters(Section):
     simulation: Simulation = Simulation()
 
 
-def leaves(section: Section, prefix: str = "") -> Iterator[tuple[str, Any, dict[str, Any]]]:
-    """Yield (dotted key, value, {"unit", "source", "live", "meaning"}) of every parameter below ``section``."""
+def leaves(section: Section, prefix: str = "", origin: str = "") -> Iterator[tuple[str, Any, dict[str, Any]]]:
+    """Yield (dotted key, value, {"unit", "source", "live", "meaning"}) of every parameter below ``section``.
+
+    A section that is used twice (a gear stage, a travel limit) leaves its sources empty; they then are ``origin``, what
+    its owner says of it.
+    """
     for name, info in type(section).model_fields.items():
         value = getattr(section, name)
         if isinstance(value, Section):
-            yield from leaves(value, f"{prefix}{name}.")
+            yield from leaves(value, f"{prefix}{name}.", info.description or "")
         else:
             extra = info.json_schema_extra if isinstance(info.json_schema_extra, dict) else {}
-            yield f"{prefix}{name}", value, {**extra, "meaning": info.description}
+            yield f"{prefix}{name}", value, {**extra, "source": extra["source"] or origin, "meaning": info.description}
 
 
 def _dtype(section: type[Section]) -> np.dtype[Any]:
@@ -534,3 +552,33 @@ def _values(section: Section) -> tuple[Any, ...]:
 def record_of(parameters: Parameters) -> Any:
     """The parameters as one nested NumPy record, readable by attribute in plain and in compiled code."""
     return np.array([_values(parameters)], dtype=_dtype(type(parameters))).view(np.recarray)[0]
+
+
+def table() -> str:
+    """All parameters as Markdown tables, one a section, with default, unit and source."""
+    lines: list[str] = []
+    for name, info in Parameters.model_fields.items():
+        section = getattr(Parameters(), name)
+        lines += ["", f"### `{name}`", "", " ".join((type(section).__doc__ or "").split()), ""]
+        lines += ["| parameter | default | unit | meaning | source |", "|---|---|---|---|---|"]
+        for key, value, about in leaves(section, f"{name}.", info.description or ""):
+            number = f"{value:.6g}" if isinstance(value, float) else str(value).lower()
+            meaning = f"{about['meaning']} *(live)*" if about["live"] else about["meaning"]
+            cells = (f"`{key}`", number, about["unit"], meaning, about["source"])
+            lines.append("| " + " | ".join(" ".join(cell.split()).replace("|", "\\|") for cell in cells) + " |")
+    return "\n".join(lines).strip() + "\n"
+
+
+TABLE_STARTS, TABLE_ENDS = "<!-- parameters: begin -->\n", "<!-- parameters: end -->\n"
+"""What encloses the table in models/README.md."""
+
+
+def with_table(page: str) -> str:
+    """``page`` with the text between its two marks replaced by :func:`table`."""
+    before, rest = page.split(TABLE_STARTS)
+    return before + TABLE_STARTS + "\n" + table() + "\n" + TABLE_ENDS + rest.split(TABLE_ENDS)[1]
+
+
+if __name__ == "__main__":  # python -m cls_bench.parameters models/README.md: brings the page up to date
+    readme = Path(sys.argv[1])
+    readme.write_text(with_table(readme.read_text(encoding="utf-8")), encoding="utf-8")

@@ -29,16 +29,30 @@ def configure(
     )  # fmt: skip
 
 
+_LEAST = 1e-9
+"""Friction level [N·m] below which MuJoCo's element would divide by zero."""
+
+
 @compiled
 def set_level(
-    plant: Any, actuator: int, velocity: float, coulomb: float, breakaway_ratio: float, damping: float, stribeck: float
-) -> None:
+    plant: Any, actuator: int, bristle: int, velocity: float,
+    coulomb: float, breakaway_ratio: float, damping: float, stribeck: float,
+) -> None:  # fmt: skip
     """Set Coulomb friction [N·m] and presliding damping of a LuGre element for this step.
 
-    The presliding damping σ1 fades out as exp(−(v/v_S)²) (Olsson et al. 1998): it is meant for sticking, it keeps the
-    element passive, and a friction level that changes while sliding causes no spurious σ1 ż.
+    A friction level that falls with the load must not leave bristles behind that are bent further than it can hold:
+    the deflection is cut back to breakaway. The presliding damping σ1 fades out as exp(−(v/v_S)²) (Olsson et al. 1998)
+    and its torque stays under the Coulomb friction: it is meant for sticking, it keeps the element passive, and a
+    changing level causes no spurious σ1 ż.
     """
-    plant.biasprm[actuator, COULOMB] = coulomb
-    plant.biasprm[actuator, STATIC] = coulomb * breakaway_ratio
+    level = max(coulomb, _LEAST)
+    static = level * breakaway_ratio
+    plant.biasprm[actuator, COULOMB] = level
+    plant.biasprm[actuator, STATIC] = static
+    bend = static / plant.dynprm[actuator, STIFFNESS]
+    plant.act[bristle] = min(max(plant.act[bristle], -bend), bend)
     ratio = velocity / stribeck
-    plant.dynprm[actuator, DAMPING] = damping * math.exp(-ratio * ratio)
+    faded = damping * math.exp(-ratio * ratio)
+    if faded * abs(velocity) > level:
+        faded = level / abs(velocity)
+    plant.dynprm[actuator, DAMPING] = faded

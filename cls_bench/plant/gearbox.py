@@ -77,6 +77,6 @@ def update_stage(
         loss *= box.backdrive_loss_ratio
     level = (stage.drag + loss * abs(torque) / ratio) * (1.0 + stage.ripple * mesh)
     friction.set_level(
-        plant, actuator, input_velocity, level, box.breakaway_ratio, box.bristle_damping, box.stribeck_velocity
+        plant, actuator, bristle, input_velocity, level, box.breakaway_ratio, box.bristle_damping, box.stribeck_velocity
     )
     return twist, torque

@@ -19,6 +19,14 @@ def grip_force(plant: Any, grip: int = GRIP, hand: int = LIMB, column: int = COL
 
 
 @compiled
+def _between(loose: float, tight: float, squeeze: float) -> float:
+    """Logarithmic between ``loose`` and ``tight``; linear where one of them is zero and has no logarithm."""
+    if loose > 0.0 and tight > 0.0:
+        return loose * math.pow(tight / loose, squeeze)
+    return loose + squeeze * (tight - loose)
+
+
+@compiled
 def update_grip(
     plant: Any, limb: Any, height: float, attached: bool, squeeze: float,
     grip: int = GRIP, hand: int = LIMB, column: int = COLUMN,
@@ -33,18 +41,16 @@ def update_grip(
         plant.tendon_damping[grip] = 0.0
         return
     area = height * height
-    stiffness = area * limb.loose_stiffness * math.pow(limb.tight_stiffness / limb.loose_stiffness, squeeze)
-    damping = area * (limb.loose_damping * math.pow(limb.tight_damping / limb.loose_damping, squeeze))
-    before = plant.tendon_stiffness[grip]
-    if stiffness == before:
+    stiffness = area * _between(limb.loose_stiffness, limb.tight_stiffness, squeeze)
+    damping = area * _between(limb.loose_damping, limb.tight_damping, squeeze)
+    if stiffness != plant.tendon_stiffness[grip] or damping != plant.tendon_damping[grip]:
+        offset = plant.qpos[hand] - plant.qpos[column]
+        rate = plant.qvel[hand] - plant.qvel[column]
+        rest = offset - (grip_force(plant, grip, hand, column) - damping * rate) / stiffness
+        plant.tendon_spring[grip, 0] = rest
+        plant.tendon_spring[grip, 1] = rest
+        plant.tendon_stiffness[grip] = stiffness
         plant.tendon_damping[grip] = damping
-        return
-    offset = plant.qpos[hand] - plant.qpos[column]
-    rest = offset - before * (offset - plant.tendon_spring[grip, 0]) / stiffness
-    plant.tendon_spring[grip, 0] = rest
-    plant.tendon_spring[grip, 1] = rest
-    plant.tendon_stiffness[grip] = stiffness
-    plant.tendon_damping[grip] = damping
 
 
 @compiled

@@ -15,6 +15,7 @@ from cls_bench.plant.play import set_play
 from cls_bench.plant.state import (
     BRISTLE1,
     BRISTLE2,
+    BRISTLE_COLUMN,
     CARRIER1,
     COLUMN,
     COLUMN_BEARING,
@@ -172,8 +173,9 @@ def update(
     column, velocity = plant.qpos[COLUMN], plant.qvel[COLUMN]
     set_play(plant, STOP_BLOCKS, column, velocity, -p.column.stop_angle, p.column.stop_angle, damping.stop)
     friction.set_level(
-        plant, COLUMN_BEARING, velocity, p.column.coulomb_friction, 1.0, damping.bearing, BEARING_STRIBECK
-    )
+        plant, COLUMN_BEARING, BRISTLE_COLUMN, velocity,
+        p.column.coulomb_friction, 1.0, damping.bearing, BEARING_STRIBECK,
+    )  # fmt: skip
     update_grip(plant, p.limb, p.column.grip_height, attached, squeeze)
     return twist1, torque1, twist2, torque2
 
