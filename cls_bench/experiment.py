@@ -4,7 +4,7 @@ import datetime as dt
 import math
 import subprocess
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -181,10 +181,7 @@ def run(
         recorder.finish(DIVERGED if message else "complete")
         timing = Timing(simulated, time.perf_counter() - start)
     checks = measure(scenario, Recording(recorder.mcap_path))
-    if message:
-        status = DIVERGED
-    else:
-        status = PASSED if all(check.passed for check in checks) else FAILED
+    status = DIVERGED if message else PASSED if all(check.passed for check in checks) else FAILED
     return Result(scenario, status, checks, recorder.mcap_path, recorder.rrd_path, timing, message)
 
 

@@ -1,1 +1,1 @@
-"""What a recording says: metrics, and linear models derived apart from the simulation. Imports neither tick nor control."""
+"""What a recording says: metrics, and linear models derived on their own. Imports neither tick nor control."""

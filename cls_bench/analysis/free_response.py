@@ -5,8 +5,9 @@ the feel model and of all that is forward of the load cell, solved here by scipy
 
     (I_fcs + I_fwd) φ̈ + (d_fcs + d_fwd + d_hs) φ̇ + c (φ − φ₀) + centering + travel limits + (μ_fcs + μ_fwd) sign φ̇ = T
 
-14 CFR Part 60, table A2A, tests 2.a, judges the response of an underdamped control by the time to the first crossing, the
-periods after it, the overshoots and their number, of an overdamped one by the time from 90 % to 10 % of the amplitude.
+14 CFR Part 60, table A2A, tests 2.a, judges the response of an underdamped control by the time to the first crossing,
+the periods after it, the overshoots and their number, of an overdamped one by the time from 90 % to 10 % of the
+amplitude.
 """
 
 from typing import NamedTuple
@@ -155,10 +156,10 @@ def part60(times: Array, measured: Array, expected: Array) -> list[Item]:
                 Item(f"period {period}", measured_period, expected_period, 0.1 * (period + 1) * expected_period)
             )
         items.append(Item("first overshoot", got.overshoots[0], want.overshoots[0], 0.1 * want.overshoots[0]))
-        for k in range(1, n):
-            items.append(
-                Item(f"overshoot {k + 1}", got.overshoots[k], want.overshoots[k], 0.1 * want.overshoots[0])
-            )
+        items += (
+            Item(f"overshoot {k + 1}", got.overshoots[k], want.overshoots[k], 0.1 * want.overshoots[0])
+            for k in range(1, n)
+        )
     else:
         fall = want.ten - want.ninety
         items.append(Item("time from 0.9 A to 0.1 A", got.ten - got.ninety, fall, 0.1 * fall))

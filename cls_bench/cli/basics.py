@@ -1,0 +1,130 @@
+"""run, list, validate, schema, view."""
+
+import json
+import sys
+from pathlib import Path
+
+import click
+
+from cls_bench.cli.output import print_result, print_table, print_term, progress_bar
+from cls_bench.errors import InputError
+
+
+@click.command()
+@click.argument("scenario", metavar="NAME_OR_FILE")
+@click.option("--out", type=click.Path(path_type=Path), default=Path("recordings"), show_default=True,
+              help="Folder for the recordings.")  # fmt: skip
+@click.option("--seed", type=click.IntRange(0), help="Seed of the sensors' noise, instead of the scenario's.")
+@click.option("--set", "overrides", metavar="KEY=VALUE", multiple=True,
+              help="Override a parameter, such as feel.inertia=0.25; may be given again.")  # fmt: skip
+@click.option("--rerun/--no-rerun", default=True, help="Also write a Rerun file (.rrd).  [default: rerun]")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of tables.")
+@click.option("--view", is_flag=True, help="Open the recording in the Rerun viewer afterwards.")
+@click.pass_context
+def run(
+    ctx: click.Context,
+    scenario: str,
+    out: Path,
+    seed: int | None,
+    overrides: tuple[str, ...],
+    rerun: bool,
+    as_json: bool,
+    view: bool,
+) -> None:
+    """Run a scenario, record it, and judge it by its checks."""
+    from cls_bench import experiment
+    from cls_bench.scenario import load_scenario
+
+    loaded = load_scenario(scenario, seed=seed, set=overrides)
+    with progress_bar(loaded.duration, quiet=as_json) as progress:
+        result = experiment.run(loaded, out=out, rerun=rerun or view, progress=progress)
+    if as_json:
+        click.echo(json.dumps(result.to_json(), indent=2, ensure_ascii=False, allow_nan=False))
+    else:
+        print_result(result)
+    if view:
+        view_recording(result.rrd or result.mcap)
+    ctx.exit(result.exit_code)
+
+
+@click.command(name="list")
+@click.option("--metrics", "what", flag_value="metrics", help="List the metrics that checks can name.")
+@click.option("--signals", "what", flag_value="signals", help="List the recorded signals.")
+@click.option("--parameters", "what", flag_value="parameters", help="List all parameters with units and sources.")
+def list_(what: str | None) -> None:
+    """List the shipped scenarios, or what scenarios are made of."""
+    if what == "metrics":
+        from cls_bench.analysis.metrics import METRICS
+
+        for m in METRICS.values():
+            arguments = (
+                f"{name} [{a.unit}]" + ("" if a.default is None else f" = {a.default:g}")
+                for name, a in m.arguments.items()
+            )
+            needs = ["signal", *arguments] if m.of_signal else [*arguments]
+            print_term(m.name, m.unit or "the signal's", "; ".join([m.meaning, *needs]))
+    elif what == "signals":
+        from cls_bench.signals import TOPICS
+
+        rows = [(f"{t.path}.{s.name}", s.unit, f"{t.rate:g}", s.meaning) for t in TOPICS for s in t.signals]
+        print_table(("signal", "unit", "Hz", "meaning"), rows)
+    elif what == "parameters":
+        from cls_bench.parameters import Parameters, leaves
+
+        for key, value, info in leaves(Parameters()):
+            shown = f"{value:g}" if isinstance(value, float) else str(value)
+            print_term(f"{key} = {shown}", info["unit"], info["meaning"])
+    else:
+        from cls_bench.resources import shipped_scenarios
+        from cls_bench.scenario import load_scenario
+
+        scenarios = [load_scenario(path) for path in shipped_scenarios().values()]
+        print_table(("scenario", "s", "title"), [(s.name, f"{s.duration:g}", s.title) for s in scenarios])
+
+
+@click.command()
+@click.argument("scenarios", metavar="NAME_OR_FILE...", nargs=-1, required=True)
+@click.option("--set", "overrides", metavar="KEY=VALUE", multiple=True, help="Override a parameter.")
+def validate(scenarios: tuple[str, ...], overrides: tuple[str, ...]) -> None:
+    """Check scenario files without running them."""
+    from cls_bench import experiment
+    from cls_bench.scenario import load_scenario
+
+    for scenario in scenarios:
+        experiment.validate(load_scenario(scenario, set=overrides))
+        click.echo(f"{scenario}: valid")
+
+
+@click.command()
+def schema() -> None:
+    """Print the JSON schema of the scenario file, for editors."""
+    from cls_bench.scenario import scenario_schema
+
+    click.echo(json.dumps(scenario_schema(), indent=2, ensure_ascii=False))
+
+
+@click.command()
+@click.argument("recording", type=click.Path(path_type=Path))
+def view(recording: Path) -> None:
+    """Open a recording (.rrd or .mcap) in the Rerun viewer."""
+    view_recording(recording)
+
+
+def view_recording(recording: Path) -> None:
+    """Open the recording, or the .rrd beside it, in the Rerun viewer; InputError if that cannot start."""
+    import subprocess
+
+    if not recording.is_file():
+        raise InputError(f"{recording}: no such file")
+    rrd = recording.with_suffix(".rrd")
+    shown = rrd if rrd.is_file() else recording
+    viewer = Path(sys.executable).with_name("rerun")
+    try:
+        code = subprocess.run([str(viewer), str(shown)], check=False).returncode
+    except OSError as error:
+        raise InputError(f"the Rerun viewer cannot be started ({error.strerror}); it comes with rerun-sdk") from None
+    if code:
+        raise InputError(
+            f"the Rerun viewer ended with code {code}; without a display, serve it to a browser: "
+            f"rerun --serve-web --bind 127.0.0.1 {shown}"
+        )

@@ -1,0 +1,94 @@
+"""What the commands print: tables, results, progress."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import click
+
+if TYPE_CHECKING:
+    from cls_bench.experiment import Progress, Result
+
+
+def make_console() -> Any:
+    """Standard output for tables; colour on a terminal only."""
+    from rich.console import Console
+
+    return Console(highlight=False, soft_wrap=False)
+
+
+def print_table(header: tuple[str, ...], rows: list[tuple[str, ...]]) -> None:
+    """A table that fits the terminal, or 80 columns."""
+    from rich import box
+    from rich.table import Table
+
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for k, title in enumerate(header):
+        table.add_column(title, overflow="fold", no_wrap=k == 0)
+    for row in rows:
+        table.add_row(*row)
+    make_console().print(table)
+
+
+def print_term(term: str, unit: str, meaning: str) -> None:
+    """A term with its unit, and what it means on the lines below."""
+    click.echo(f"{term} [{unit}]")
+    click.echo(click.wrap_text(meaning, width=78, initial_indent="    ", subsequent_indent="    "))
+
+
+def number(value: float) -> str:
+    """Four significant digits."""
+    return f"{value:.4g}"
+
+
+def print_result(result: "Result") -> None:
+    """What a run measured, its verdict, and where its recordings lie."""
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
+    console = make_console()
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, title=result.scenario.title, title_justify="left")
+    for title in ("measured", "value", "unit", "limits", ""):
+        table.add_column(title, justify="right" if title == "value" else "left")
+    for r in result.checks:
+        low, high = r.check.min, r.check.max
+        limits = " and ".join(f"{sign} {number(x)}" for sign, x in (("≥", low), ("≤", high)) if x is not None)
+        verdict = Text("") if not r.judged else Text("passed", "green") if r.passed else Text("FAILED", "bold red")
+        table.add_row(r.check.name, number(r.value), r.unit, limits, verdict)
+    console.print(table)
+    style = {"passed": "green", "failed": "bold red", "diverged": "bold red"}[result.status]
+    line = Text.assemble((result.status.upper(), style), f" {result.message}" if result.message else "")
+    t = result.timing
+    line.append(f"  {t.simulated_s:g} s simulated in {t.wall_s:.1f} s: {t.real_time_factor:.1f} times real time")
+    console.print(line)
+    for path in (result.mcap, result.rrd):
+        if path is not None:
+            click.echo(f"  {path}")
+
+
+@contextmanager
+def progress_bar(duration: float, quiet: bool) -> Iterator["Progress"]:
+    """A progress bar on a terminal's standard error; nothing in logs but the line about compilation."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn
+
+    from cls_bench import experiment
+
+    console = Console(stderr=True, highlight=False)
+
+    class Reporter(experiment.Progress):
+        def compiling(self) -> None:
+            if not quiet:
+                console.print("compiling the simulation, once after each installation: about half a minute")
+
+        def advanced(self, simulated_s: float, real_time_factor: float) -> None:
+            bar.update(task, completed=simulated_s, factor=f"{real_time_factor:.1f} × real time")
+
+    bar = Progress(
+        TextColumn("{task.completed:6.1f} of {task.total:g} s"), BarColumn(), TextColumn("{task.fields[factor]}"),
+        console=console, transient=True, disable=quiet or not console.is_terminal,
+    )  # fmt: skip
+    with bar:
+        task = bar.add_task("", total=duration, factor="")
+        yield Reporter()
