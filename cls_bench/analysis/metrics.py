@@ -176,7 +176,7 @@ def hysteresis(window: Window, at_deg: float) -> float:
         return math.nan
     around = int(0.01 * window.rate)  # the mean over 20 ms about a crossing
 
-    def level(crossings: Array) -> float:
+    def level(crossings: NDArray[np.intp]) -> float:
         return float(np.mean([np.mean(torque[max(k - around, 0) : k + around]) for k in crossings]))
 
     return 0.5 * (level(up) - level(down))

@@ -64,8 +64,8 @@ class Window:
     @cached_property
     def time(self) -> Array:
         """Time since the start of the run, shape (rows,) [s]."""
-        first = np.ceil(round(self.start / TICK_S) / PLC_TICKS)
-        return (first + np.arange(len(self["/feel.angle"]))) * PLC_S
+        first = -(-round(self.start / TICK_S) // PLC_TICKS)
+        return np.arange(first, first + len(self["/feel.angle"])) * PLC_S
 
 
 def split_signal(signal: str) -> tuple[str, str]:

@@ -27,7 +27,7 @@ class _Group(click.Group):
             click.echo("interrupted", err=True)
             ctx.exit(INTERRUPTED_EXIT_CODE)
         except BrokenPipeError:  # the reader of our output has gone
-            sys.stdout = None  # type: ignore[assignment]
+            sys.stdout = None
             ctx.exit(0)
 
 

@@ -1,6 +1,6 @@
 """What the commands print: tables, results, progress."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +17,7 @@ def make_console() -> Any:
     return Console(highlight=False, soft_wrap=False)
 
 
-def print_table(header: tuple[str, ...], rows: list[tuple[str, ...]]) -> None:
+def print_table(header: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> None:
     """A table that fits the terminal, or 80 columns."""
     from rich import box
     from rich.table import Table
