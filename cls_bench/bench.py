@@ -14,7 +14,7 @@ from cls_bench.control import plc, servo, tuning
 from cls_bench.errors import BenchError, ControllerError, InputError
 from cls_bench.geometry import Geom
 from cls_bench.kinematics import fit_polynomials
-from cls_bench.parameters import DEG, Parameters, record_of
+from cls_bench.parameters import DEG, Parameters, leaves, record_of
 from cls_bench.pilot import HandTimeline
 from cls_bench.plant import model as plant_model
 from cls_bench.plant import sensors, state
@@ -167,11 +167,13 @@ class Bench:
         )
 
     def run(self, scenario: Scenario) -> Iterator[Block]:
-        """Run ``scenario`` from now on; yields a block for every 0.2 s at most.
+        """Run ``scenario``; yields a block for every 0.2 s at most. A bench runs once.
 
         Raises :class:`DivergedError` when a state leaves all bounds and :class:`ControllerError` when a user's outer
         loop fails, in both cases after the last good block was yielded with an error event in it.
         """
+        if self._tick:
+            raise RuntimeError("this bench has run already; make a new one")
         timeline = HandTimeline(scenario)
         changes = sorted(scenario.changes, key=lambda change: change.at)
         self._start(scenario)
@@ -193,11 +195,15 @@ class Bench:
         """Carry out a change; returns what the log says of it."""
         said = []
         if change.parameters:
-            self._apply(change.apply(self.parameters))
-            said += [f"{key} = {value}" for key, value in change.parameters.items()]
+            before = leaves(self.parameters)
+            after = change.apply(self.parameters)
+            said += [
+                f"{key} = {value}" + ("" if info["unit"] == "1" else f" {info['unit']}")
+                for (key, value, info), (_, old, _) in zip(leaves(after), before, strict=True) if value != old
+            ]
+            self._apply(after)
         if change.mode is not None:
             self._state.servo.mode = servo.MODES.index(change.mode)
-            servo.reset(self._state.servo, self._state.samples.encoder)
             said.append(f"drive mode {change.mode}")
         if change.power is not None:
             self._state.power = int(change.power == "on")
@@ -253,22 +259,15 @@ class Bench:
         asked = self._state.plc
         for at in range(first, first + ticks, PLC_TICKS):
             tick.begin(self.plant, self._record, self._constants, self._state, noise[at - first], at)
-            if self._state.power:
-                time = at * TICK_S
+            if self._state.power and self._state.servo.mode != servo.OFF:
+                inputs = Inputs(
+                    at * TICK_S, float(asked.torque), float(asked.force), float(asked.angle), float(asked.velocity)
+                )
                 try:
-                    answer = Command(*controller.step(
-                        Inputs(time, float(asked.torque), float(asked.force), float(asked.angle), float(asked.velocity))
-                    ))  # fmt: skip
-                    numbers = [float(value) for value in answer]
-                except Exception as error:  # whatever a user's object may raise
-                    where = type(controller).__name__
-                    return at - first, ControllerError(
-                        f"{where}.step failed at t = {time:.4f} s: {type(error).__name__}: {error}"
-                    )
-                if not all(map(math.isfinite, numbers)):
-                    where = type(controller).__name__
-                    return at - first, ControllerError(f"{where}.step returned {answer} at t = {time:.4f} s")
-                asked.set_angle, asked.set_velocity, asked.set_acceleration, asked.set_torque = numbers
+                    command = _ask(controller, inputs)
+                except ControllerError as error:
+                    return at - first, error
+                asked.set_angle, asked.set_velocity, asked.set_acceleration, asked.set_torque = command
                 model = self._state.feel
                 model.torque, model.angle, model.velocity = asked.torque, asked.set_angle, asked.set_velocity
             done = self._advance(hand, noise, trace, first, at, PLC_TICKS, True)
@@ -277,15 +276,33 @@ class Bench:
         return ticks, None
 
     def _lost_signal(self) -> str:
-        for name, value in zip(state.JOINTS, self.plant.qvel, strict=True):
-            if not abs(value) < 1e4:
-                return f"velocity of joint {name}"
-        return "motor current"
+        return f"velocity of joint {state.JOINTS[tick.first_unbounded(self.plant)]}"
+
+
+def _ask(controller: OuterLoop, inputs: Inputs) -> Command:
+    """The user's answer; ControllerError of one line if there is none that can be used."""
+    where = f"{type(controller).__name__}.step"
+    try:
+        answer = controller.step(inputs)
+    except Exception as error:  # whatever a user's object may raise
+        problem = f"{type(error).__name__}: {error}".splitlines()[0]
+        raise ControllerError(f"{where} failed at t = {inputs.time:.4f} s: {problem}") from error
+    try:
+        command = Command(*map(float, answer))
+    except (TypeError, ValueError):
+        command = Command(math.nan)
+    if not all(map(math.isfinite, command)):
+        shown = " ".join(repr(answer).split())
+        raise ControllerError(
+            f"{where} returned {shown} at t = {inputs.time:.4f} s; "
+            f"a Command of finite numbers is valid: {', '.join(Command._fields)}"
+        )
+    return command
 
 
 def _cycle_start(change: Change) -> int:
-    """Changes take effect at the PLC cycle in which they fall."""
-    return tick_of(change.at) // PLC_TICKS * PLC_TICKS
+    """Changes take effect with the next PLC cycle, at most 400 µs after their time."""
+    return -(-tick_of(change.at) // PLC_TICKS) * PLC_TICKS
 
 
 def _trip_message(trip: int) -> str:

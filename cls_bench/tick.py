@@ -3,9 +3,11 @@
 One tick k (50 µs)::
 
     sample        encoder, current, load cell, limit switches       what control may see
-    k % 8 == 0    PLC (400 µs): torque measurement, safety, outer loop, kinematic chain → field bus
+    k % 4 == 0    drive (200 µs): speed filter
+    k % 8 == 0    drive (400 µs): position and velocity → field bus
+    k % 8 == 0    PLC (400 µs): torque measurement, outer loop, safety, kinematic chain → field bus
     k % 8 == 0    drive (400 µs): position controller
-    k % 4 == 0    drive (200 µs): speed filter, velocity controller
+    k % 4 == 0    drive (200 µs): velocity controller
     every tick    drive: current controller → voltage, through its latch
     trace         the state at time k · 50 µs
     mj_step       once, or ``simulation.substeps`` times
@@ -28,7 +30,7 @@ from cls_bench.plant import model as plant_model
 from cls_bench.plant import motor, sensors
 from cls_bench.plant.limb import grip_force, move_arm
 from cls_bench.plant.model import Dampings
-from cls_bench.plant.state import COLUMN, CURRENT, LIMB, MOTOR_DRIVE, STAGE1_FRICTION, STAGE2_FRICTION, VOLTAGE, Plant
+from cls_bench.plant.state import COLUMN, LIMB, MOTOR_DRIVE, STAGE1_FRICTION, STAGE2_FRICTION, VOLTAGE, Plant
 from cls_bench.signals import PLC_S, PLC_TICKS, POSE_TICKS, TICK_S, VELOCITY_S, VELOCITY_TICKS
 
 STATE = np.dtype(
@@ -45,6 +47,9 @@ STATE = np.dtype(
     ]
 )
 """Everything the sampled side remembers."""
+
+BOUND = 1.0e4
+"""Velocity [rad/s; m/s for the load cell] that no joint of a sound run reaches: eight times the motor at no load."""
 
 
 class Constants(NamedTuple):
@@ -89,9 +94,23 @@ class Trace(NamedTuple):
 
 
 @compiled
+def first_unbounded(plant: Plant) -> int:
+    """Index of the first joint whose velocity is not finite or beyond :data:`BOUND`; −1 if there is none.
+
+    Whatever else is lost (a force, a current) shows in a velocity at the next step.
+    """
+    for joint in range(plant.qvel.shape[0]):
+        if not abs(plant.qvel[joint]) < BOUND:
+            return joint
+    return -1
+
+
+@compiled
 def begin(plant: Plant, p: Any, constants: Constants, state: Any, noise: Any, tick: int) -> None:
-    """First part of a tick: sample the sensors; in a PLC tick also put the encoder on the bus and measure."""
+    """First part of a tick: sample the sensors, filter the speed; in a PLC tick put both on the bus and measure."""
     sensors.sample(plant, p, constants.dampings.load_cell, noise, state.samples)
+    if tick % VELOCITY_TICKS == 0:
+        servo.speed_filter(constants.gains, state.servo, state.samples.encoder, VELOCITY_S)
     if tick % PLC_TICKS == 0:
         cycle = tick // PLC_TICKS
         per_radian = units_per_radian(p.plc.units_per_revolution)
@@ -105,14 +124,15 @@ def begin(plant: Plant, p: Any, constants: Constants, state: Any, noise: Any, ti
 
 @compiled
 def _plc_task(p: Any, constants: Constants, state: Any, tick: int, external: bool) -> None:
-    if state.power:
-        if not external:
-            plc.admittance(p, state.plc, state.feel, tick * TICK_S, PLC_S)
-        plc.supervise(p, state.samples, state.plc)
+    mode = state.servo.mode
+    if state.power and mode != servo.OFF:
+        if not external and mode != servo.TORQUE:
+            plc.admittance(p, mode == servo.VELOCITY, state.plc, state.feel, tick * TICK_S, PLC_S)
+        plc.supervise(p, state.samples, mode == servo.POSITION, state.plc)
         if state.plc.trip != plc.NO_TRIP:
             state.power = 0
             state.trip_tick = tick
-    if not state.power:
+    if not state.power or mode == servo.OFF or (mode == servo.TORQUE and not external):
         plc.follow(state.plc, state.feel)
     plc.command(p, constants.polynomials, state.plc, state.commands, tick // PLC_TICKS)
 
@@ -120,8 +140,6 @@ def _plc_task(p: Any, constants: Constants, state: Any, tick: int, external: boo
 @compiled
 def _drive(p: Any, constants: Constants, state: Any, tick: int) -> None:
     drive, gains, s, encoder = p.drive, constants.gains, state.servo, state.samples.encoder
-    if tick % VELOCITY_TICKS == 0:
-        servo.speed_filter(gains, s, encoder, VELOCITY_S)
     if not state.power or s.mode == servo.OFF:
         servo.reset(s, encoder)
         servo.current_limit(drive, s, state.samples.current, p.motor.thermal_time_constant, TICK_S)
@@ -132,23 +150,18 @@ def _drive(p: Any, constants: Constants, state: Any, tick: int) -> None:
         set_position = latch.read(state.commands, cycle, delay, plc.COMMAND_POSITION) / per_radian
         set_velocity = latch.read(state.commands, cycle, delay, plc.COMMAND_VELOCITY) / per_radian
         acceleration = latch.read(state.commands, cycle, delay, plc.COMMAND_ACCELERATION) / per_radian
+        s.feed_forward = latch.read(state.commands, cycle, delay, plc.COMMAND_TORQUE)
         if s.mode == servo.POSITION:
             servo.position_controller(drive, gains, s, encoder, set_position, set_velocity, PLC_S)
+        elif s.mode == servo.VELOCITY:
+            servo.velocity_command(drive, s, encoder, set_velocity)
         else:
-            s.set_position = encoder
-            s.position_output_before = s.position_output
-            s.position_output = min(max(set_velocity, -drive.speed_limit), drive.speed_limit)
-        s.feed_forward = latch.read(state.commands, cycle, delay, plc.COMMAND_TORQUE)
+            servo.torque_command(drive, s, encoder)
         if drive.feed_forward_inertia:
             s.feed_forward += drive.load_inertia * acceleration
-    if tick % VELOCITY_TICKS == 0:
-        if s.mode == servo.TORQUE:
-            s.torque_command = min(max(drive.set_torque, -drive.torque_limit), drive.torque_limit)
-        else:
-            # Between two position cycles the set velocity is interpolated (thesis 3.6.1).
-            newest = s.position_output
-            s.set_velocity = newest if tick % PLC_TICKS else 0.5 * (s.position_output_before + newest)
-            servo.velocity_controller(drive, gains, s, VELOCITY_S)
+    if tick % VELOCITY_TICKS == 0 and s.mode != servo.TORQUE:
+        servo.interpolate(s, tick % PLC_TICKS == 0)
+        servo.velocity_controller(drive, gains, s, VELOCITY_S)
     servo.current_controller(drive, p.motor, gains, s, state.samples.current, constants.voltage_limit, TICK_S)
 
 
@@ -168,7 +181,7 @@ def advance(
         if not (begun and tick == first_tick):
             begin(plant, p, constants, state, noise[row], tick)
         if tick % PLC_TICKS == 0:
-            if not (abs(plant.qvel[COLUMN]) < 1e4 and abs(plant.qvel[0]) < 1e6 and abs(plant.act[CURRENT]) < 1e6):
+            if first_unbounded(plant) >= 0:
                 return tick - first_tick
             _plc_task(p, constants, state, tick, external)
         _drive(p, constants, state, tick)

@@ -27,8 +27,8 @@ STATE = np.dtype(
     ]
 )
 
-_EVENTS = 64
-"""Most events (reversals, stops reached or left) in one cycle; a physical cycle has one or two."""
+_EVENTS = 4096
+"""Most pieces (between reversals, stops reached or left) in one cycle; a cycle of 400 µs has one or two."""
 
 
 @compiled
@@ -61,19 +61,15 @@ def response(time: float, decay: float, frequency_squared: float) -> tuple[float
         cosine, sine = fade * math.cos(w * time), fade * math.sin(w * time) / w
     elif discriminant < 0.0:
         w = math.sqrt(-discriminant)
-        # exp(±) folded into the decay: no overflow for strongly overdamped bodies
-        slow, fast = math.exp((w - decay) * time), math.exp(-(w + decay) * time)
-        cosine, sine = 0.5 * (slow + fast), 0.5 * (slow - fast) / w
+        slow, fast = -frequency_squared / (decay + w), -(decay + w)  # the two poles [1/s], without cancellation
+        spread = math.expm1(-2.0 * w * time)
+        cosine, sine = math.exp(slow * time) * (1.0 + 0.5 * spread), math.exp(slow * time) * -0.5 * spread / w
+        if frequency_squared * time * time < 0.0025:  # hardly any spring: the sum of the two poles' parts
+            creep = math.expm1(slow * time) / slow if slow != 0.0 else time
+            return (creep - math.expm1(fast * time) / fast) / (2.0 * w), sine, cosine - decay * sine
     else:
         cosine, sine = fade, fade * time
-    dq = sine
-    ddq = cosine - decay * sine
-    if frequency_squared * time * time > 1e-6:
-        q = (1.0 - cosine - decay * sine) / frequency_squared
-    else:  # hardly any spring: Q = (t − Q̇) / 2a for k = 0, with its first correction in k
-        q = (time - dq) / (2.0 * decay)
-        q = (time - dq - frequency_squared * time * q / 3.0) / (2.0 * decay)
-    return q, dq, ddq
+    return (1.0 - cosine - decay * sine) / frequency_squared, sine, cosine - decay * sine
 
 
 @compiled
@@ -168,12 +164,12 @@ def step(feel: Any, state: Any, torque: float, cycle: float) -> None:
         c, offset, d, low, high = segment(feel, x + way * 1e-13)
         decay, k = 0.5 * d / inertia, c / inertia
         drive = (torque - offset - way * feel.friction - c * x) / inertia
-        q, dq, ddq = response(remaining, decay, k)
+        # Short enough that the body cannot turn round twice.
+        time = remaining if k * remaining * remaining < 1.0 else 1.0 / math.sqrt(k)
+        q, dq, ddq = response(time, decay, k)
         end_v = v * ddq + drive * dq
-        time = remaining
-        reversal = end_v * way <= 0.0
-        if reversal:
-            time = _root(0.0, True, x, v, drive, decay, k, remaining)
+        if end_v * way <= 0.0:
+            time = _root(0.0, True, x, v, drive, decay, k, time)
             q, dq, ddq = response(time, decay, k)
             end_v = 0.0
         end_x = x + v * dq + drive * q

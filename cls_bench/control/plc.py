@@ -10,9 +10,6 @@ from cls_bench.control import feel, latch
 from cls_bench.control.kinematic_chain import column_from_motor, motor_from_column, units_per_radian
 from cls_bench.kinematics import polynomial
 
-POSITION_LOOP, VELOCITY_LOOP = range(2)
-"""Architectures of the outer loop."""
-
 COMMAND_POSITION, COMMAND_VELOCITY, COMMAND_ACCELERATION, COMMAND_TORQUE = range(4)
 """Slots of a command frame: PLCopen units, units/s, units/s², N·m at the motor."""
 
@@ -63,33 +60,37 @@ def measure(
 
 
 @compiled
-def supervise(p: Any, samples: Any, state: Any) -> None:
-    """Safety functions: open limit switch, following error. A trip stays until the drive is switched on again."""
+def supervise(p: Any, samples: Any, position_mode: bool, state: Any) -> None:
+    """Safety functions: open limit switch, and following error where the drive is asked for a position.
+
+    A trip stays until the drive is switched on again.
+    """
     if samples.switch_forward == 0 or samples.switch_aft == 0:
         state.trip = LIMIT_SWITCH
-    elif abs(state.set_angle - state.angle) > p.plc.following_error_limit:
+    elif position_mode and abs(state.set_angle - state.angle) > p.plc.following_error_limit:
         state.trip = FOLLOWING_ERROR
 
 
 @compiled
 def follow(state: Any, model: Any) -> None:
-    """While the drive is off, set value and feel model follow the column, so that switching on makes no jump."""
-    model.angle, model.velocity, model.acceleration = state.angle, 0.0, 0.0
+    """While the drive does not obey, set value and feel model follow the column: switching it on makes no jump."""
+    model.angle, model.velocity, model.acceleration = state.angle, state.velocity, 0.0
     model.torque = state.torque
-    state.set_angle, state.set_velocity, state.set_acceleration, state.set_torque = state.angle, 0.0, 0.0, 0.0
+    state.set_angle, state.set_velocity = state.angle, state.velocity
+    state.set_acceleration, state.set_torque = 0.0, 0.0
 
 
 @compiled
-def admittance(p: Any, state: Any, model: Any, time: float, cycle: float) -> None:
+def admittance(p: Any, velocity_mode: bool, state: Any, model: Any, time: float, cycle: float) -> None:
     """The built-in outer loop: the feel model answers to the pilot's torque and the additional ones (thesis 3.5.2).
 
-    Position loop: angle, velocity and acceleration of the model are the set values. Velocity loop (Eq. 3.8): the
-    model's springs act on the measured angle, its velocity is the set value.
+    Position loop: angle, velocity and acceleration of the model are the set values. Velocity loop (Eq. 3.8), where
+    the drive is in velocity mode: the model's springs act on the measured angle, its velocity is the set value.
     """
     f = p.feel
     shaker = f.shaker_torque * math.sin(2.0 * math.pi * f.shaker_frequency * time)
     torque = state.torque + f.autopilot_torque + f.disturbance_torque + shaker
-    if p.plc.outer_loop == VELOCITY_LOOP:
+    if velocity_mode:
         model.angle = state.angle
     feel.step(f, model, torque, cycle)
     state.set_angle = model.angle
@@ -99,11 +100,15 @@ def admittance(p: Any, state: Any, model: Any, time: float, cycle: float) -> Non
 
 @compiled
 def command(p: Any, poly: Any, state: Any, bus: Any, cycle: int) -> None:
-    """Through the kinematic chain onto the bus, with the pilot's torque as feed-forward where it is switched on."""
+    """Through the kinematic chain onto the bus, with the pilot's torque as feed-forward where it is switched on.
+
+    The set angle ends at the stop blocks (software limit), inside the range of the polynomials.
+    """
     ratio = p.gearbox.ratio * p.gearbox.ratio
     per_radian = units_per_radian(p.plc.units_per_revolution)
+    limited = min(max(state.set_angle, -p.column.stop_angle), p.column.stop_angle)
     angle, velocity, acceleration = motor_from_column(
-        poly, ratio, state.set_angle, state.set_velocity, state.set_acceleration
+        poly, ratio, limited, state.set_velocity, state.set_acceleration
     )
     torque = state.set_torque
     if p.drive.feed_forward_pilot:

@@ -87,6 +87,35 @@ def speed_filter(gains: Gains, state: Any, encoder: float, cycle: float) -> None
 
 
 @compiled
+def velocity_command(drive: Any, state: Any, encoder: float, set_velocity: float) -> None:
+    """Velocity mode: the set velocity comes from the bus; the position controller is out of work. Every 400 µs."""
+    state.set_position = encoder
+    state.position_output_before = state.position_output
+    state.position_output = _limited(set_velocity, drive.speed_limit)
+    state.position_integral = 0.0
+
+
+@compiled
+def torque_command(drive: Any, state: Any, encoder: float) -> None:
+    """Torque mode: ``set_torque`` and the torque from the bus; only the current controller works. Every 400 µs.
+
+    The controllers above it follow what happens, so that a later change of mode makes no jump.
+    """
+    state.torque_command = _limited(drive.set_torque + state.feed_forward, drive.torque_limit)
+    state.set_position = encoder
+    state.position_integral = 0.0
+    state.set_velocity = state.position_output = state.velocity
+    state.velocity_integral = state.torque_command - state.feed_forward
+
+
+@compiled
+def interpolate(state: Any, position_cycle: bool) -> None:
+    """Set velocity halfway between the last two outputs of the position controller, then the newest (thesis 3.6.1)."""
+    newest = state.position_output
+    state.set_velocity = 0.5 * (state.position_output_before + newest) if position_cycle else newest
+
+
+@compiled
 def velocity_controller(drive: Any, gains: Gains, state: Any, cycle: float) -> None:
     """PI velocity controller, figure 3.33; anti-windup by conditional integration. Every 200 µs.
 
