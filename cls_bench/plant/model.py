@@ -96,13 +96,14 @@ def element_spec(p: Parameters, joints: Sequence[str], parts: Sequence[str] = ()
     """A part of the bench alone: the bench's own model, cut down to ``joints`` and ``parts``.
 
     ``joints`` are the joints that stay movable; a body on which none of them bears is left out. ``parts`` are the
-    tendons and actuators that stay. Everything else is removed, so the element is built by the code that builds the
+    tendons, actuators and closed joints (equalities) that stay. Everything else is removed, so the element is built by the code that builds the
     bench. Raises ValueError if a name is not in the model.
     """
     spec = build_spec(p, scene=False)
-    if unknown := {*joints, *parts} - {item.name for item in (*spec.joints, *spec.tendons, *spec.actuators)}:
-        raise ValueError(f"the bench has no joint, tendon or actuator named {', '.join(sorted(unknown))}")
-    for item in (*spec.equalities, *spec.tendons, *spec.actuators):
+    removable = (*spec.equalities, *spec.tendons, *spec.actuators)
+    if unknown := {*joints, *parts} - {item.name for item in (*spec.joints, *removable)}:
+        raise ValueError(f"the bench has no joint or part named {', '.join(sorted(unknown))}")
+    for item in removable:
         if item.name not in parts:
             spec.delete(item)
     kept: set[str] = set()
