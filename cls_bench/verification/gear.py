@@ -10,7 +10,7 @@ from cls_bench.compiled import compiled, mj_step
 from cls_bench.parameters import Gearbox, GearStage, Motor, Parameters, Simulation
 from cls_bench.plant.gearbox import update_stage
 from cls_bench.plant.state import Plant
-from cls_bench.verification.reading import Array, at, crossing
+from cls_bench.verification.reading import Array, at, crossing, start
 from cls_bench.verification.row import Row
 from cls_bench.verification.subject import Specimen, Subject
 
@@ -82,9 +82,9 @@ def lossy_gear_demo(subject: Subject) -> Iterator[Row]:
     second_stop = crossing(time, np.abs(speed), still, after=0.3)
     for quantity, expected, obtained in (
         ("sticks", 0.0805, first_stop),
-        ("breaks away", 0.1995, _start(time, speed, after=0.1)),
+        ("breaks away", 0.1995, start(time, speed, 1e-4, after=0.1)),
         ("sticks again", 0.3713, second_stop),
-        ("reverses", 0.4645, _start(time, -speed, after=0.4)),
+        ("reverses", 0.4645, start(time, -speed, 1e-4, after=0.4)),
     ):
         yield Row(GROUP, f"time at which it {quantity}", "s", expected, DEMO, obtained, 0.5e-3, relative=False)
     for quantity, unit, expected, obtained in (
@@ -94,12 +94,6 @@ def lossy_gear_demo(subject: Subject) -> Iterator[Row]:
         ("load speed at 0.5 s", "rad/s", -0.01626, float(speed[-1])),
     ):
         yield Row(GROUP, quantity, unit, expected, DEMO, obtained, 0.01)
-
-
-def _start(time: Array, speed: Array, *, after: float) -> float:
-    """When a motion began whose torque grows linearly from zero: its speed grows with the square of time."""
-    low, high = (crossing(time, speed, level, after=after) for level in (1e-4, 4e-4))
-    return 2.0 * low - high
 
 
 @compiled

@@ -64,7 +64,7 @@ def resonance(subject: Subject) -> Iterator[Row]:
         specimen.data.qvel[0], specimen.data.qvel[1] = 1.0 / column, -1.0 / hand
         steps = round(2.6 * math.pi / damped / specimen.step) + 2
         out = _motion(specimen, squeeze, steps)
-        time = specimen.step * np.arange(steps)
+        time = specimen.times((steps - 1) * specimen.step)
         zeros = crossings(time[1:], (out[:, 0] - out[:, 1])[1:])
         period = 2.0 * float(zeros[-1] - zeros[0]) / (len(zeros) - 1) if len(zeros) > 1 else math.nan
         yield Row(GROUP, f"two-mass resonance at squeeze {squeeze:g}", "Hz", damped / (2.0 * math.pi),

@@ -30,3 +30,12 @@ def at(time: Array, signal: Array, when: float) -> float:
     if not time[0] <= when <= time[-1]:
         return math.nan
     return float(np.interp(when, time, signal))
+
+
+def start(time: Array, speed: Array, level: float, *, after: float = -math.inf) -> float:
+    """When a motion [s] began whose torque grows linearly from zero, so that its speed grows with the square of time.
+
+    ``level`` [rad/s] is where the speed is read first; the second reading is at four times that.
+    """
+    first, second = (crossing(time, speed, factor * level, after=after) for factor in (1.0, 4.0))
+    return 2.0 * first - second

@@ -36,7 +36,7 @@ class Specimen:
 
     def times(self, duration: float) -> Array:
         """Times of the steps [s] from 0 up to and including ``duration``."""
-        return np.arange(round(duration / self.step) + 1) * self.step
+        return np.asarray(np.arange(round(duration / self.step) + 1) * self.step, dtype=np.float64)
 
     @property
     def applied(self) -> Array:
