@@ -84,8 +84,8 @@ def breakaway(subject: Subject) -> Iterator[Row]:
             (mesh, "drag × breakaway ratio", _mesh(subject, p)),
             (bearing, "Coulomb friction", _bearing(subject)),
         ):
-            low, high = 0.5 * expected, 1.5 * expected
-            for _ in range(9):
+            low, high = 0.8 * expected, 1.2 * expected
+            for _ in range(7):
                 torque = 0.5 * (low + high)
                 low, high = (low, torque) if _moves(element, sign * torque) else (torque, high)
             yield Row(GROUP, f"breakaway torque of the {element.name}, {way}", "N·m", expected, source,
@@ -93,10 +93,10 @@ def breakaway(subject: Subject) -> Iterator[Row]:
 
 
 def _moves(element: _Element, torque: float) -> bool:
-    """Whether ``torque`` [N·m], put on slowly and held, sets the element going."""
+    """Whether ``torque`` [N·m], put on slowly and held, sets the element going: ten times as far as bristles bend."""
     mujoco.mj_resetData(element.specimen.model, element.specimen.data)
     time = element.specimen.times(1.0)
-    return bool(abs(element.run(torque * np.minimum(time / 0.5, 1.0))[-1, 0]) > 0.01)
+    return bool(abs(element.run(torque * np.minimum(time / 0.5, 1.0))[-1, 0]) > 1e-3)
 
 
 def creep(subject: Subject) -> Iterator[Row]:
