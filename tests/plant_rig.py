@@ -51,6 +51,11 @@ class Element:
         self.data: Any = mujoco.MjData(self.model)
         self.plant = state.memory(self.model, self.data)
 
+    def load(self, joint: int, inertia: float) -> None:
+        """Add inertia [kg·m²] to a joint; a huge one holds it."""
+        self.model.dof_armature[joint] += inertia
+        mujoco.mj_setConst(self.model, self.data)
+
     def step(self) -> None:
         mujoco.mj_step(self.model, self.data)
 

@@ -51,7 +51,7 @@ def test_closed_form_solves_the_constraint(bar):
 def test_a_linkage_that_cannot_close_is_nan():
     short = FourBar(0.05, 0.209, 0.175)  # the crank would have to pass its dead centre
     assert math.isnan(crank_from_column(short, 1.2))
-    with pytest.raises(ValueError, match="cannot be closed over ±68.8°"):
+    with pytest.raises(ValueError, match=r"cannot be closed over ±68\.8°"):
         fit_polynomials(short, 1.2, 9)
 
 

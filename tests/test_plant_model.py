@@ -45,7 +45,7 @@ def test_the_laws_refuse_a_model_of_another_layout():
     spec = plant_model.build_spec(Parameters())
     spec.delete(spec.tendon("grip"))
     model = spec.compile()
-    with pytest.raises(ValueError, match="the model's tendons are .*, expected"):
+    with pytest.raises(ValueError, match=r"the model's tendons are .*, expected"):
         state.view(model, mujoco.MjData(model))
 
 
