@@ -623,7 +623,9 @@ def _validated(table: dict[str, Any]) -> Scenario:
     try:
         return Scenario.model_validate(table)
     except ValidationError as failure:
-        error = failure.errors(include_url=False)[0]
+        errors = failure.errors(include_url=False)
+    # A misspelt key is both unknown and missing: the first says more.
+    error = next((e for e in errors if e["type"] == "extra_forbidden"), errors[0])
     loc = error["loc"]
     model: type[BaseModel] = Scenario
     if loc[0] == "hand" and len(loc) > 2:
