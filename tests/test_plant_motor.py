@@ -77,7 +77,7 @@ def test_the_envelope_bends_where_the_voltage_ends(rpm):
 
 
 def test_stalled_motor_keeps_1_nm_for_good_and_is_100_k_warmer():
-    """With the time constant cut to 0.1 s: 1.0 N·m goes on, 3 N·m falls back to 1.0 N·m; both end at the class F rise."""
+    """Time constant cut to 0.1 s: 1.0 N·m goes on, 3 N·m falls back to it; both end at the class F rise."""
     p = parameters(motor={"thermal_time_constant": 0.1})
     for asked, early in ((1.0, 1.0), (3.0, 3.0)):
         on = MotorOnDrive(p, load_inertia=1e4)
