@@ -79,7 +79,11 @@ def _aim(keys: str, degrees: float | None, newtons: float | None) -> Aim:
 
 
 class _Segment(_Strict):
-    """What the hand does from ``at`` until the next segment starts."""
+    """What the hand does from ``at`` until the next segment starts.
+
+    "The value reached" is the last one asked for, in the segment's own unit. A change from an angle to a force
+    starts from 0 N, a change from a force to an angle from the last angle asked for, or 0.
+    """
 
     at: Time
     """start [s]"""
@@ -265,7 +269,7 @@ class Samples(_Segment):
 
 
 class Release(_Segment):
-    """Let go of the grip; the forearm keeps its place. Any later segment grips again."""
+    """Let go of the grip; the forearm stays at the last angle asked for. Any later segment grips again."""
 
     kind: Literal["release"]
 
@@ -465,7 +469,12 @@ def parse_scenario(
         _read_samples(scenario)
         _check(scenario)
     except _FaultError as fault:
-        origin = "--set" if fault.key in from_command_line else file
+        if fault.key in from_command_line:
+            origin = "--set"
+        elif any(key.startswith(f"{fault.key}.") for key in from_command_line):
+            origin = f"{file} with --set"  # a section as a whole, of which either may be to blame
+        else:
+            origin = file
         raise InputError(f"{origin}: {fault}") from None
     return scenario
 
@@ -497,6 +506,7 @@ def _place_override(table: dict[str, Any], entry: str) -> str:
     """Put the override ``KEY=VALUE`` into ``table``; returns its full key. InputError if it cannot be read."""
     key, equals, text = entry.partition("=")
     key, text = key.strip(), text.strip()
+    entry, shown = " ".join(entry.split()), " ".join(text.split())
     if not equals or not key or not text:
         raise InputError(f"--set {entry}: not of the form KEY=VALUE, such as feel.inertia=0.25")
     try:
@@ -504,7 +514,7 @@ def _place_override(table: dict[str, Any], entry: str) -> str:
     except tomllib.TOMLDecodeError:
         parsed = {"value": text} if re.fullmatch(r"[A-Za-z_]\w*", text) else {}
     if list(parsed) != ["value"]:
-        raise InputError(f'--set {entry}: {text} is not a TOML value, such as 0.25, true or "velocity"')
+        raise InputError(f'--set {entry}: {shown} is not a TOML value, such as 0.25, true or "velocity"')
     if key not in ("duration", "seed"):
         key = "parameters." + key.removeprefix("parameters.")
     *parents, last = key.split(".")
@@ -723,7 +733,8 @@ def _override(parameters: Parameters, table: Mapping[str, Any], *, live_only: bo
             raise _FaultError(key, f"unknown parameter; {_nearest(key, section or known)}")
         if live_only and not known[key]["live"]:
             live = [name for name in known if known[name]["live"]]
-            near = [name for name in live if name.startswith(f"{parents[0]}.")] or live
+            near = [name for name in live if name.startswith(f"{parents[0]}.")]
+            near = near or [f"some of {name}" for name in dict.fromkeys(name.partition(".")[0] for name in live)]
             raise _FaultError(key, f"holds for the whole run; these may change while it goes on: {_names(near)}")
         inner = merged
         for parent in parents:

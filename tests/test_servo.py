@@ -4,13 +4,13 @@ import math
 
 import numpy as np
 import pytest
-from running import run
 
 from cls_bench.bench import Command
 from cls_bench.control import latch, servo, tuning
 from cls_bench.kinematics import FourBar, crank_from_column, crank_ratio
 from cls_bench.parameters import Drive, Motor, Parameters, record_of
 from cls_bench.signals import PLC_S, TICK_S, VELOCITY_S
+from tests.running import run
 
 BAR = FourBar(0.100, 0.209, 0.175)
 
