@@ -251,3 +251,35 @@ def test_the_command_starts_quickly_because_help_imports_no_simulator() -> None:
     code += "print([m for m in ('mujoco', 'numba', 'numpy', 'rerun') if m in sys.modules])"
     output = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert output.strip().endswith("[]")
+
+
+CONTROLLER = """
+from cls_bench import Command
+
+class Still:
+    def step(self, inputs):
+        return Command(0.0)
+
+class Blind:
+    pass
+"""
+
+
+def test_a_users_own_outer_loop_replaces_the_feel_model(short: Path, tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(CONTROLLER)
+    result = call("run", short, "--out", tmp_path / "out", "--no-rerun", "--controller", f"{tmp_path}/mine.py:Still")
+    assert result.exit_code == 0, result.output
+    (path,) = (tmp_path / "out").glob("*.mcap")
+    assert abs(Recording(path).read("/column", ["angle"])["angle"]).max() < 0.01  # it holds against the hand
+
+
+@pytest.mark.parametrize("place, word", [
+    ("mine.py:Other", "Still"), ("none.py:Still", "no such file"), ("mine.py", "FILE.py:NAME"),
+    ("mine.py:Blind", "step"), ("broken.py:Still", "SyntaxError"),
+])  # fmt: skip
+def test_a_bad_controller_is_one_line(short: Path, tmp_path: Path, place: str, word: str) -> None:
+    (tmp_path / "mine.py").write_text(CONTROLLER)
+    (tmp_path / "broken.py").write_text("def (")
+    result = call("run", short, "--out", tmp_path / "out", "--controller", f"{tmp_path}/{place}")
+    assert result.exit_code == 2
+    assert word in one_line(result)

@@ -3,6 +3,7 @@
 import json
 import sys
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -17,6 +18,8 @@ from cls_bench.errors import InputError
 @click.option("--seed", type=click.IntRange(0), help="Seed of the sensors' noise, instead of the scenario's.")
 @click.option("--set", "overrides", metavar="KEY=VALUE", multiple=True,
               help="Override a parameter, such as feel.inertia=0.25; may be given again.")  # fmt: skip
+@click.option("--controller", metavar="FILE.py:NAME",
+              help="Your own outer loop instead of the feel model: NAME() is called once for the object.")  # fmt: skip
 @click.option("--rerun/--no-rerun", default=True, help="Also write a Rerun file (.rrd).  [default: rerun]")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of tables.")
 @click.option("--view", is_flag=True, help="Open the recording in the Rerun viewer afterwards.")
@@ -27,6 +30,7 @@ def run(
     out: Path,
     seed: int | None,
     overrides: tuple[str, ...],
+    controller: str | None,
     rerun: bool,
     as_json: bool,
     view: bool,
@@ -37,7 +41,8 @@ def run(
 
     loaded = load_scenario(scenario, seed=seed, set=overrides)
     with progress_bar(loaded.duration, quiet=as_json) as progress:
-        result = experiment.run(loaded, out=out, rerun=rerun or view, progress=progress)
+        loop = load_controller(controller) if controller else None
+        result = experiment.run(loaded, out=out, rerun=rerun or view, controller=loop, progress=progress)
     if as_json:
         click.echo(json.dumps(result.to_json(), indent=2, ensure_ascii=False, allow_nan=False))
     else:
@@ -45,6 +50,25 @@ def run(
     if view:
         view_recording(result.rrd or result.mcap)
     ctx.exit(result.exit_code)
+
+
+def load_controller(place: str) -> Any:
+    """The object that NAME of ``FILE.py:NAME`` makes; InputError where there is none."""
+    import runpy
+
+    file, colon, name = place.rpartition(":")
+    if not colon or not Path(file).is_file():
+        raise InputError(f"--controller {place}: no such file; give FILE.py:NAME")
+    try:
+        names = runpy.run_path(file)
+        if not callable(names.get(name)):
+            made = [key for key, value in names.items() if isinstance(value, type) and value.__module__ == "<run_path>"]
+            raise InputError(f"--controller {place}: {file} defines no {name}; it has {', '.join(made) or 'no class'}")
+        return names[name]()
+    except InputError:
+        raise
+    except Exception as error:  # whatever a user's file may raise
+        raise InputError(f"--controller {place}: {type(error).__name__}: {error}") from None
 
 
 @click.command(name="list")
