@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from cls_bench.analysis import metrics
-from cls_bench.analysis.window import Window
+from cls_bench.analysis.window import Source, Window
 from cls_bench.bench import Bench, DivergedError, OuterLoop, versions
 from cls_bench.compiled import is_cached
 from cls_bench.errors import ControllerError, InputError
@@ -185,8 +185,8 @@ def run(
     return Result(scenario, status, checks, recorder.mcap_path, recorder.rrd_path, timing, message)
 
 
-def measure(scenario: Scenario, recording: Recording) -> tuple[CheckResult, ...]:
-    """Evaluate the scenario's checks on a recording of it."""
+def measure(scenario: Scenario, recording: Source) -> tuple[CheckResult, ...]:
+    """Evaluate the scenario's checks on a recording of it, or on samples kept in memory."""
     windows: dict[tuple[float, float], Window] = {}
     results = []
     for check in scenario.checks:

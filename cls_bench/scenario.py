@@ -411,6 +411,15 @@ class Scenario(_Strict):
         """Length of the run in ticks."""
         return tick_of(self.duration)
 
+    def with_checks(self, checks: Sequence[Check]) -> "Scenario":
+        """The same experiment, measured by ``checks``. Raises InputError unless their names and windows fit."""
+        other = self.model_copy(update={"checks": list(checks)})
+        try:
+            _check(other)
+        except _FaultError as fault:
+            raise InputError(str(fault)) from None
+        return other
+
     def parameters_at_start(self) -> Parameters:
         """All parameters of the bench when the run begins."""
         return _override(Parameters(), self.parameters)
@@ -428,7 +437,7 @@ def load_scenario(name_or_path: str | Path, *, seed: int | None = None, set: Seq
     """Read a shipped scenario by name, or any scenario file by path.
 
     ``seed`` replaces the file's; ``set`` holds overrides ``KEY=VALUE`` with TOML values, where the key is a parameter
-    (``feel.inertia=0.25``), ``duration`` or ``seed``. Raises InputError.
+    (``feel.inertia=0.25``), ``duration``, ``seed`` or that of an entry (``squeeze[0].value``). Raises InputError.
     """
     shipped = shipped_scenarios()
     text = str(name_or_path)
@@ -515,9 +524,13 @@ def _place_override(table: dict[str, Any], entry: str) -> str:
         parsed = {"value": text} if re.fullmatch(r"[A-Za-z_]\w*", text) else {}
     if list(parsed) != ["value"]:
         raise InputError(f'--set {entry}: {shown} is not a TOML value, such as 0.25, true or "velocity"')
-    if key not in ("duration", "seed"):
-        key = "parameters." + key.removeprefix("parameters.")
-    *parents, last = key.split(".")
+    if match := re.fullmatch(r"(\w+)\[(\d+)\]\.(.+)", key):
+        table = _entry(table, match[1], int(match[2]))
+        *parents, last = match[3].split(".")
+    else:
+        if key not in ("duration", "seed"):
+            key = "parameters." + key.removeprefix("parameters.")
+        *parents, last = key.split(".")
     for parent in parents:
         inner = table.setdefault(parent, {})
         if not isinstance(inner, dict):  # left as it is: the check of the table says what is wrong with it
@@ -525,6 +538,18 @@ def _place_override(table: dict[str, Any], entry: str) -> str:
         table = inner
     table[last] = parsed["value"]
     return key
+
+
+def _entry(table: dict[str, Any], name: str, number: int) -> dict[str, Any]:
+    """An entry of an array of tables, such as ``squeeze[0]``. Raises InputError unless it is there."""
+    if name not in ("hand", "squeeze", "changes", "checks"):
+        raise InputError(f"--set {name}[{number}]: {name} has no entries; valid: hand, squeeze, changes, checks")
+    entries = table.get(name, [])
+    count = len(entries) if isinstance(entries, list) else 0
+    entry = entries[number] if number < count else None
+    if not isinstance(entry, dict):
+        raise InputError(f"--set {name}[{number}]: the scenario has {count} entries of {name}, counted from 0")
+    return entry
 
 
 # --- one line for each fault -----------------------------------------------------------------------------------------
