@@ -1,0 +1,1 @@
+"""What a recording shows: figures, pages and comparisons, made from the recording alone."""
