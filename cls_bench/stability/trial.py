@@ -1,0 +1,239 @@
+"""One trial: does the bench, disturbed once, calm down? Decided by the growth rate of the recorded oscillation.
+
+The standard trial has the hand on the column from the start, at the squeeze in question. Either it holds still, or it
+moves the column from −8° to 8° at a constant rate: in motion the gearbox slides all the time, so its friction does not
+hold an oscillation back as it does at rest (the pilot of thesis 4.4 pulls the column and then squeezes). Then a short
+torque pulse strikes the feel model (T_dis of thesis 3.5.2), as a tap on the control surface would, and from then on
+the oscillation of the column is fitted in windows of 0.12 s (:mod:`cls_bench.analysis.growth`).
+
+The run ends as soon as the windows agree: four in a row with growth rates that agree, or a safety trip. Where friction
+or backlash make the growth rate depend on amplitude they may never agree; then the trend of the amplitude over the
+second half of the trial decides, and a sustained oscillation (a limit cycle) counts as unstable.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cls_bench.analysis.growth import Mode, modes
+from cls_bench.analysis.linear import SLOW
+from cls_bench.analysis.variation import Setup
+from cls_bench.bench import Bench, DivergedError, OuterLoop
+from cls_bench.errors import InputError
+from cls_bench.scenario import Scenario, parse_scenario
+from cls_bench.signals import Block
+from cls_bench.stability.loops import MakeLoop, Probe
+
+DECIMATION = 16
+"""Ticks averaged to one sample of the column's motion: 1250 Hz."""
+
+PERIOD = DECIMATION * 50e-6
+"""Sampling period of the motion that is fitted [s]."""
+
+WINDOW, HOP = 150, 50
+"""Samples in a window of the fit (0.12 s: five periods at 40 Hz), and from one window to the next."""
+
+BAND = (SLOW, 300.0)
+"""Frequencies of the loop's oscillation [Hz]."""
+
+SETTLE = 0.03
+"""Time after the pulse before the first window [s]: what else the pulse excites has died away."""
+
+SUSTAINED = -1.0
+"""Trend [1/s] above which an undecided oscillation counts as sustained: less than e-fold over a trial's second half."""
+
+CLEAR = 0.15
+"""Growth rate [1/s] below which agreeing windows do not decide: a limit cycle, or a fraction of a per cent from the
+onset."""
+
+KEPT, GONE = 0.15, 0.02
+"""Amplitude, as a share of the swing that the pulse gives the feel model, above which an undecided oscillation may
+count as sustained, and below which it is gone: what is left is vibration of the gears or noise."""
+
+
+@dataclass(frozen=True)
+class Standard:
+    """How a trial is made."""
+
+    pulse: float = 35.0
+    """angular acceleration that the pulse gives the feel model [rad/s²]: its torque is I_fcs times that"""
+    pulse_time: float = 0.01
+    """its length [s]"""
+    rate_deg: float = 15.0
+    """rate at which the hand moves the column [deg/s]; 0 holds still"""
+    travel_deg: float = 8.0
+    """where the motion begins and ends, to either side [deg]"""
+    time: float = 1.0
+    """longest observation after the pulse [s]"""
+    seed: int = 0
+
+    @property
+    def pulse_at(self) -> float:
+        """When the pulse comes [s]: once the hand is in its place, or on its way."""
+        return 0.05 if self.rate_deg == 0 else 0.45
+
+    @property
+    def duration(self) -> float:
+        """Longest run [s]."""
+        return self.pulse_at + self.pulse_time + SETTLE + self.time
+
+
+STILL = Standard(pulse=5.0, rate_deg=0.0)
+"""The trial for a bench without friction and backlash, whose growth rate is the same at any amplitude."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a trial showed."""
+
+    stable: bool
+    growth: float
+    """growth rate on which the verdict rests [1/s]; NaN if a trip ended the run before it could be fitted"""
+    frequency: float
+    """of the oscillation [Hz]"""
+    amplitude_deg: float
+    """amplitude of the column's oscillation at the end of the run [deg]"""
+    simulated: float
+    """length of the run [s]"""
+    reason: str
+    """``decays``, ``grows``, ``sustained``, ``dies out``, ``trip`` or ``diverged``"""
+
+
+def scenario(setup: Setup, standard: Standard, *, pulse: bool = True) -> Scenario:
+    """The trial as a scenario; its parameters are not those of the setup, which the bench is built with."""
+    hand = setup.hand
+    lines = ['title = "stability trial"', f"duration = {standard.duration + 1e-9}"]
+    if hand.squeeze is not None:
+        if not hand.arm:
+            raise InputError("a trial needs an arm that holds its place")
+        lines += ["[[hand]]", 'kind = "hold"', "at = 0.0", "angle_deg = 0.0"]
+        if standard.rate_deg > 0:
+            over = 2.0 * standard.travel_deg / standard.rate_deg
+            lines += ["[[hand]]", 'kind = "ramp"', "at = 0.001", f"to_deg = {-standard.travel_deg}", "over = 0.3",
+                      "smooth = true"]  # fmt: skip
+            lines += ["[[hand]]", 'kind = "ramp"', "at = 0.32", f"to_deg = {standard.travel_deg}", f"over = {over}"]
+        lines += ["[[squeeze]]", "at = 0.0", f"value = {float(hand.squeeze)}", "over = 0.0"]
+    if pulse:
+        feel = setup.parameters.feel
+        start, end = standard.pulse_at, standard.pulse_at + standard.pulse_time
+        for at, acceleration in ((start, standard.pulse), (end, 0.0)):
+            total = feel.disturbance_torque + acceleration * feel.inertia
+            lines += ["[[changes]]", f"at = {at}", f'parameters = {{"feel.disturbance_torque" = {float(total)}}}']
+    return parse_scenario("\n".join(lines))
+
+
+def run(
+    setup: Setup, standard: Standard | None = None, *, make_loop: MakeLoop | None = None, follow: bool = False
+) -> Verdict:
+    """Make one trial of ``setup``.
+
+    ``make_loop`` replaces the built-in outer loop by one of the user's own. ``follow``: run to the end even when
+    decided, so that amplitude and frequency of a limit cycle are those it settles at.
+    """
+    standard = standard or Standard()
+    loop: OuterLoop | None = None
+    if make_loop is not None:
+        loop = Probe(make_loop(setup.parameters), torque=_pulse(standard, setup.parameters.feel.inertia))
+    bench = Bench(setup.parameters, seed=standard.seed, controller=loop)
+    watch = _Watch(standard)
+    decided = None
+    try:
+        for block in bench.run(scenario(setup, standard, pulse=loop is None)):
+            if any(event.source == "safety" for event in block.events):
+                return watch.verdict(False, "trip")
+            watch.add(block)
+            decided = decided or watch.decision()
+            if decided is not None and not follow:
+                return watch.verdict(*decided)
+    except DivergedError:
+        return watch.verdict(False, "diverged")
+    return watch.verdict(*(decided or watch.last_decision()))
+
+
+def _pulse(standard: Standard, inertia: float) -> Callable[[float], float]:
+    start, end, torque = standard.pulse_at, standard.pulse_at + standard.pulse_time, standard.pulse * inertia
+    return lambda time: torque if start <= time < end else 0.0
+
+
+@dataclass(frozen=True)
+class _Fit:
+    time: float
+    mode: Mode
+
+
+class _Watch:
+    """Collects the column's motion and fits it window by window."""
+
+    def __init__(self, standard: Standard):
+        self._standard = standard
+        self._first = round((standard.pulse_at + standard.pulse_time + SETTLE) / PERIOD)
+        self._velocity: NDArray[np.float64] = np.zeros(0)
+        self._rest: NDArray[np.float64] = np.zeros(0)
+        self._fits: list[_Fit] = []
+
+    def add(self, block: Block) -> None:
+        ticks = np.concatenate([self._rest, block.signals["/column"][:, 1]])
+        whole = len(ticks) // DECIMATION * DECIMATION
+        self._rest = ticks[whole:]
+        self._velocity = np.concatenate([self._velocity, ticks[:whole].reshape(-1, DECIMATION).mean(axis=1)])
+        # The acceleration lifts the oscillation out of the slow motion.
+        acceleration = np.diff(self._velocity) / PERIOD
+        while (start := self._first + HOP * len(self._fits)) + WINDOW <= len(acceleration):
+            found = [
+                mode for mode in modes(acceleration[start : start + WINDOW], PERIOD)
+                if BAND[0] < mode.frequency < BAND[1]
+            ]  # fmt: skip
+            nothing = Mode(-math.inf, math.nan, 0.0, 0.0)
+            mode = found[0] if found else nothing
+            omega = 2.0 * math.pi * mode.frequency
+            angle = mode.amplitude / omega**2 if found else 0.0
+            self._fits.append(_Fit((start + WINDOW / 2) * PERIOD, replace(mode, amplitude=angle)))
+
+    def decision(self) -> tuple[bool, str] | None:
+        """(stable, reason) once the last four windows agree, or the oscillation is gone."""
+        if len(self._fits) < 4:
+            return None
+        last = [fit.mode for fit in self._fits[-4:]]
+        rates = np.array([mode.growth for mode in last])
+        if not np.all(np.isfinite(rates)):
+            return True, "dies out"
+        frequencies = np.array([mode.frequency for mode in last])
+        mean, spread = float(rates.mean()), float(np.ptp(rates))
+        clear = min(mode.share for mode in last) > 0.7 and np.ptp(frequencies) < 0.05 * frequencies.mean()
+        if clear and abs(mean) > CLEAR and spread < 0.3 * abs(mean):
+            return (True, "decays") if mean < 0 else (False, "grows")
+        if all(self._kept(fit) < GONE for fit in self._fits[-4:]):
+            return True, "dies out"
+        return None
+
+    def last_decision(self) -> tuple[bool, str]:
+        """(stable, reason) at the end of the time, from the trend over the second half."""
+        if self.trend() > SUSTAINED and max(self._kept(fit) for fit in self._fits[-2:]) > KEPT:
+            return False, "sustained"
+        return True, "dies out"
+
+    def trend(self) -> float:
+        """Growth rate of the amplitude over the second half of the fits [1/s]."""
+        half = [fit for fit in self._fits[len(self._fits) // 2 :] if fit.mode.amplitude > 0]
+        if len(half) < 2:
+            return math.nan
+        return float(np.polyfit([fit.time for fit in half], [math.log(fit.mode.amplitude) for fit in half], 1)[0])
+
+    def _kept(self, fit: _Fit) -> float:
+        """Amplitude over the one with which the feel model alone would swing after the pulse at that frequency."""
+        if fit.mode.amplitude == 0.0:
+            return 0.0
+        speed = self._standard.pulse * self._standard.pulse_time
+        return fit.mode.amplitude * 2.0 * math.pi * fit.mode.frequency / speed
+
+    def verdict(self, stable: bool, reason: str) -> Verdict:
+        simulated = len(self._velocity) * PERIOD
+        if not self._fits:
+            return Verdict(stable, math.nan, math.nan, math.nan, simulated, reason)
+        last = self._fits[-1].mode
+        rates = [fit.mode.growth for fit in self._fits[-4:]]
+        growth = float(np.mean(rates)) if reason in ("decays", "grows") else self.trend()
+        return Verdict(stable, growth, last.frequency, math.degrees(last.amplitude), simulated, reason)
