@@ -3,6 +3,7 @@
 import math
 import platform
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import mujoco
@@ -150,6 +151,7 @@ class Bench:
         """Take over ``parameters``, at the start or for a change of live ones in mid-run."""
         self.parameters = parameters
         self._record = record_of(parameters)
+        plant_model.set_limb_mass(self.model, parameters.limb.mass)
         travel = parameters.column.switch_angle + POLYNOMIAL_MARGIN
         try:
             polynomials = fit_polynomials(parameters.linkage.four_bar, travel, parameters.plc.polynomial_degree)
@@ -218,10 +220,11 @@ class Bench:
         buffers, trace = self._buffers(first, ticks)
         powered = self._state.power
         failure: BenchError | None = None
-        if self.controller is None:
-            done = self._advance(hand, noise, trace, first, first, ticks, False)
-        else:
-            done, failure = self._advance_with(self.controller, hand, noise, trace, first, ticks)
+        with self._warnings(events):
+            if self.controller is None:
+                done = self._advance(hand, noise, trace, first, first, ticks, False)
+            else:
+                done, failure = self._advance_with(self.controller, hand, noise, trace, first, ticks)
         if failure is None and done < ticks:
             failure = DivergedError((first + done) * TICK_S, self._lost_signal())
         if powered and not self._state.power:
@@ -274,6 +277,20 @@ class Bench:
             if done < PLC_TICKS:
                 return at - first + done, None
         return ticks, None
+
+    @contextmanager
+    def _warnings(self, events: list[Event]) -> Iterator[None]:
+        """Log MuJoCo's warnings as events; by itself it writes them to a file in the current folder."""
+
+        def log(message: str) -> None:
+            events.append(Event(round(self.data.time / TICK_S), "warning", "simulation", message))
+
+        before = mujoco.get_mju_user_warning()
+        mujoco.set_mju_user_warning(log)
+        try:
+            yield
+        finally:
+            mujoco.set_mju_user_warning(before)
 
     def _lost_signal(self) -> str:
         return f"velocity of joint {state.JOINTS[tick.first_unbounded(self.plant)]}"

@@ -180,9 +180,9 @@ def advance(
         row = tick - block_tick
         if not (begun and tick == first_tick):
             begin(plant, p, constants, state, noise[row], tick)
+        if first_unbounded(plant) >= 0:
+            return tick - first_tick
         if tick % PLC_TICKS == 0:
-            if first_unbounded(plant) >= 0:
-                return tick - first_tick
             _plc_task(p, constants, state, tick, external)
         _drive(p, constants, state, tick)
         latch.write(state.voltages, tick, 0, state.servo.voltage)

@@ -1,0 +1,278 @@
+"""The bench as a whole: the same every time, changes on time, a user's own loop, and runs that end early."""
+
+import hashlib
+import math
+import os
+import subprocess
+import sys
+
+import mujoco
+import numpy as np
+import pytest
+
+from cls_bench import bench as bench_module
+from cls_bench.bench import Bench, Command, DivergedError, OuterLoop
+from cls_bench.control import feel
+from cls_bench.errors import ControllerError, InputError
+from cls_bench.parameters import Column, Linkage, Parameters, record_of
+from cls_bench.scenario import parse_scenario
+from cls_bench.signals import POSE_TICKS, TOPICS
+from tests.running import run
+
+SWAY = """
+hand = [{at = 0.0, kind = "hold", angle_deg = 0.0},
+        {at = 0.01, kind = "sine", amplitude_deg = 10.0, frequency = 3.0, fade = 0.05}]
+squeeze = [{at = 0.1, value = 0.5}]
+changes = [{at = 0.15, parameters.feel.inertia = 0.4}]
+"""
+
+
+# --- the same every time ---------------------------------------------------------------------------------------------
+
+
+def test_same_seed_same_samples():
+    assert run(SWAY, seed=3).same_samples(run(SWAY, seed=3))
+
+
+def test_another_seed_is_another_noise():
+    one, other = run(SWAY, seed=3), run(SWAY, seed=4)
+    assert not np.array_equal(one["/load_cell.counts"], other["/load_cell.counts"])
+    np.testing.assert_allclose(one["/column.angle"], other["/column.angle"], atol=1e-3)
+
+
+@pytest.mark.parametrize("ticks", [8, 56, 2000])
+def test_how_a_run_is_cut_into_blocks_does_not_matter(monkeypatch, ticks):
+    whole = run(SWAY, duration=0.3)
+    monkeypatch.setattr(bench_module, "BLOCK_TICKS", ticks)
+    assert run(SWAY, duration=0.3).same_samples(whole)
+
+
+def test_compiling_beforehand_does_not_matter():
+    scenario = parse_scenario(f'title = "t"\nduration = 0.05\n{SWAY.replace("0.15", "0.03").replace("0.1,", "0.02,")}')
+    angles = []
+    for beforehand in (False, True):
+        bench = Bench(scenario.parameters_at_start())
+        if beforehand:
+            bench.compile()
+        angles.append(np.concatenate([b.signals["/column"] for b in bench.run(scenario)]))
+    np.testing.assert_array_equal(*angles)
+
+
+def digest(r) -> str:
+    return hashlib.sha256(b"".join(r[name].tobytes() for name in sorted(r.signals))).hexdigest()
+
+
+def test_plain_python_gives_the_same_samples():
+    """With the JIT off the same source runs as plain Python, through mujoco.mj_step, over 0.2 s."""
+    code = (
+        "from tests.running import run; from tests.test_bench import SWAY, digest; "
+        "from cls_bench.compiled import JIT; assert not JIT; print(digest(run(SWAY, seed=5)))"
+    )
+    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == digest(run(SWAY, seed=5))
+
+
+# --- blocks and the model --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("duration", [0.05, 0.30015, 5e-5])
+def test_blocks_follow_on_each_other(duration):
+    scenario = parse_scenario(f'title = "t"\nduration = {duration}\nchanges = [{{at = 0.0, mode = "position"}}]')
+    bench = Bench(scenario.parameters_at_start())
+    end = 0
+    for block in bench.run(scenario):
+        assert block.first_tick == end
+        assert 0 < block.ticks <= 4000
+        for topic, rows in block:
+            assert rows.shape == (topic.rows(block.first_tick, block.ticks), len(topic.signals))
+            assert np.isfinite(rows).all()
+        assert block.poses.shape == (len(block.row_ticks(POSE_TICKS)), len(bench.body_names), 7)
+        np.testing.assert_allclose(np.linalg.norm(block.poses[:, :, 3:], axis=2), 1.0)
+        end = block.end_tick
+    assert end == math.ceil(round(duration / 5e-5) / 8) * 8  # whole PLC cycles
+    assert bench.time == pytest.approx(end * 5e-5)
+
+
+def test_a_bench_runs_once():
+    scenario = parse_scenario('title = "t"\nduration = 0.01\n')
+    bench = Bench(Parameters())
+    list(bench.run(scenario))
+    with pytest.raises(RuntimeError, match="run already"):
+        next(bench.run(scenario))
+
+
+def test_the_model_travels_complete():
+    bench = Bench(Parameters(column=Column(inertia=0.05)))
+    model = mujoco.MjModel.from_xml_string(bench.mjcf["bench_as_run.xml"].decode())
+    np.testing.assert_allclose(model.body_inertia, bench.model.body_inertia, rtol=1e-5, atol=1e-12)
+    assert {"cls_bench.xml", "scene.xml"} < set(bench.mjcf)
+    assert bench.body_names[0] == "world"
+    assert {g.kind for g in bench.geoms} >= {"box", "cylinder", "capsule"}
+
+
+def test_a_linkage_that_cannot_be_closed_is_refused():
+    with pytest.raises(InputError, match=r"^parameters\.linkage: the linkage cannot be closed over ±24°$"):
+        Bench(Parameters(linkage=Linkage(crank=0.01)))
+
+
+# --- changes ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("at", "tick"), [(0.05, 1000), (0.05015, 1008), (0.0504, 1008), (0.0, 0)])
+def test_parameters_change_with_the_next_plc_cycle(at, tick):
+    r = run(
+        f'changes = [{{at = {at}, mode = "torque", parameters.drive.set_torque = 0.5}}]', duration=0.06
+    )
+    command = r["/drive.torque_command"]
+    np.testing.assert_array_equal(command[tick // 4 :], 0.5)
+    assert (command[: tick // 4] != 0.5).all()
+    assert [(e.tick, e.source, e.message) for e in r.events] == [
+        (tick, "scenario", "drive.set_torque = 0.5 N·m"), (tick, "scenario", "drive mode torque"),
+    ]  # fmt: skip
+
+
+def test_power_changes_and_says_so():
+    r = run('changes = [{at = 0.1, power = "on"}]\n[drive]\npower = "off"', duration=0.15)
+    assert not r.between("/drive.voltage", 0.0, 0.1).any()
+    assert r.between("/drive.voltage", 0.1, 0.15).any()
+    assert [e.message for e in r.events] == ["drive power on"]
+
+
+def test_several_changes_of_nested_parameters():
+    r = run(
+        """
+        changes = [{at = 0.01, parameters.feel = {inertia = 0.2, aft_limit.stiffness = 9.0}},
+                   {at = 0.02, parameters.feel.inertia = 0.5}]
+        """,
+        duration=0.05,
+    )
+    f = r.bench.parameters.feel
+    assert (f.inertia, f.aft_limit.stiffness, f.stiffness) == (0.5, 9.0, 35.0)
+    assert {e.message for e in r.events} == {
+        "feel.inertia = 0.2 kg·m²", "feel.aft_limit.stiffness = 9.0 N·m/rad", "feel.inertia = 0.5 kg·m²",
+    }  # fmt: skip
+
+
+# --- a user's own outer loop -----------------------------------------------------------------------------------------
+
+
+class OwnFeelModel:
+    """The built-in position loop, once more from outside."""
+
+    def __init__(self):
+        self.feel = record_of(Parameters()).feel
+        self.state = np.zeros(1, dtype=feel.STATE).view(np.recarray)[0]
+        self.inputs = []
+
+    def step(self, inputs):
+        self.inputs.append(inputs)
+        feel.step(self.feel, self.state, inputs.torque, 4e-4)
+        return Command(self.state.angle, self.state.velocity, self.state.acceleration)
+
+
+def test_an_own_loop_that_does_the_same_gives_the_same_samples():
+    text = SWAY.replace("changes", "#")
+    own = OwnFeelModel()
+    assert isinstance(own, OuterLoop)
+    assert run(text, controller=own).same_samples(run(text))
+    assert [i.time for i in own.inputs] == pytest.approx([k * 4e-4 for k in range(500)])
+
+
+def test_an_own_loop_is_asked_only_while_the_drive_obeys():
+    for power in ("power", "mode"):
+        own = OwnFeelModel()
+        run(f'changes = [{{at = 0.1, {power} = "off"}}]', controller=own)
+        assert len(own.inputs) == 250
+
+
+def test_a_plain_tuple_is_a_command():
+    class Plain:
+        def step(self, inputs):
+            return 0.01, 0.0
+
+    assert run(controller=Plain())["/feel.angle"][-1] == 0.01
+
+
+class Fails:
+    def __init__(self, how):
+        self.how = how
+
+    def step(self, inputs):
+        if inputs.time < 0.25:
+            return Command(0.0)
+        return self.how()
+
+
+def raises():
+    raise KeyError("no\nsuch table")
+
+
+@pytest.mark.parametrize(
+    ("how", "message"),
+    [
+        (raises, "failed at t = 0.2500 s: KeyError: "),
+        (lambda: Command(math.nan), "returned Command(angle=nan"),
+        (lambda: Command(0.0, torque=math.inf), "returned Command(angle=0.0"),
+        (lambda: None, "returned None at t = 0.2500 s; a Command of finite numbers is valid: angle, velocity"),
+        (lambda: 0.1, "returned 0.1"),
+        (lambda: "abc", "returned 'abc'"),
+        (lambda: (), "returned ()"),
+        (lambda: (1, 2, 3, 4, 5), "returned (1, 2, 3, 4, 5)"),
+    ],
+)
+def test_a_failing_loop_ends_the_run_and_leaves_what_was(how, message):
+    r = run(controller=Fails(how), duration=0.5)
+    assert isinstance(r.error, ControllerError)
+    assert r.error.exit_code == 3
+    text = str(r.error)
+    assert text.startswith("Fails.step ")
+    assert message in text
+    assert "\n" not in text
+    assert len(r["/column.angle"]) == 5000  # all until 0.25 s
+    for topic in TOPICS:
+        assert len(r[f"{topic.path}.{topic.names[0]}"]) == 5000 // topic.ticks
+    assert [(e.level, e.message) for e in r.events] == [("error", text)]
+
+
+def test_a_loop_that_fails_at_once_still_leaves_its_event():
+    class Never:
+        def step(self, inputs):
+            raise ValueError("no")
+
+    r = run(controller=Never())
+    assert isinstance(r.error, ControllerError)
+    assert len(r["/column.angle"]) == 0
+    assert len(r.events) == 1
+
+
+def test_something_without_a_step_is_refused():
+    with pytest.raises(InputError, match=r"object has no method step\(inputs\)"):
+        Bench(Parameters(), controller=object())
+
+
+# --- a run that leaves all bounds ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("stiffness", ["1e9", "1e15"])
+def test_a_diverging_run_says_when_and_what(tmp_path, monkeypatch, stiffness):
+    """A mesh far too stiff for the step: the numbers explode, MuJoCo must not start anew in silence."""
+    monkeypatch.chdir(tmp_path)
+    r = run(SWAY, duration=0.5, set=[f"gearbox.stage1.stiffness={stiffness}"])
+    error = r.error
+    assert isinstance(error, DivergedError)
+    assert error.exit_code == 3
+    assert 0.0 < error.time < 0.5
+    assert error.signal.startswith("velocity of joint ")
+    assert f"t = {error.time:.4f} s" in str(error)
+    assert error.signal in str(error)
+    assert len(r["/column.angle"]) == round(error.time / 5e-5)
+    assert all(np.isfinite(values).all() for values in r.signals.values())
+    assert (r.events[-1].level, r.events[-1].message) == ("error", str(error))
+    if stiffness == "1e15":  # from sound to absurd in one step, so that MuJoCo itself warns
+        warning = r.events[-2]
+        assert (warning.level, warning.source) == ("warning", "simulation")
+        assert "QACC" in warning.message
+        assert warning.time == pytest.approx(error.time, abs=1e-3)
+    assert not list(tmp_path.iterdir())  # MuJoCo leaves no log file of its own

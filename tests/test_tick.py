@@ -1,0 +1,88 @@
+"""The multi-rate loop: what it records when, and that it stops where a state leaves all bounds."""
+
+import math
+
+import numpy as np
+import pytest
+
+from cls_bench import tick
+from cls_bench.bench import Bench
+from cls_bench.parameters import Parameters
+from cls_bench.plant.state import JOINTS
+from cls_bench.signals import TICK_S, TOPICS
+from tests.running import run
+
+SWAY = """
+hand = [{at = 0.0, kind = "hold", angle_deg = 0.0},
+        {at = 0.01, kind = "sine", amplitude_deg = 10.0, frequency = 3.0, fade = 0.05}]
+"""
+
+
+@pytest.fixture(scope="module")
+def sway():
+    return run(SWAY, duration=0.6)
+
+
+def test_rows_come_at_the_rate_of_their_topic(sway):
+    for topic in TOPICS:
+        for name in topic.names:
+            assert len(sway[f"{topic.path}.{name}"]) == 12_000 // topic.ticks
+
+
+def test_rows_show_the_state_at_their_own_time(sway):
+    """Row 0 is the standstill at the start; velocity and angle fit together as the integrator makes them."""
+    angle, velocity = sway["/column.angle"], sway["/column.velocity"]
+    assert (angle[0], velocity[0]) == (0.0, 0.0)
+    assert np.ptp(angle) > 0.1
+    np.testing.assert_allclose(np.diff(angle), velocity[1:] * TICK_S, atol=1e-14)
+
+
+def test_forces_belong_to_the_state_of_their_row(sway):
+    """Air-gap torque is K times the current, which MuJoCo takes at the end of the step: up to 50 µs of ripple apart."""
+    np.testing.assert_allclose(sway["/drive.torque"], 0.2944 * sway["/drive.current"], atol=0.01)
+    assert np.ptp(sway["/drive.torque"]) > 0.1
+    np.testing.assert_allclose(sway["/column.torque"][::4], 0.3 * sway["/pilot.hand_force"], rtol=1e-12, atol=1e-15)
+
+
+def test_controllers_hold_their_output_between_their_cycles(sway):
+    """Set position and torque command change with position and velocity cycles, the PLC's torque every 8 ticks."""
+    torque = sway["/load_cell.torque"].reshape(-1, 8)
+    assert (torque == torque[:, :1]).all()
+    assert len(np.unique(torque[:, 0])) > 1000
+    position = sway["/drive.set_position"].reshape(-1, 2)
+    assert (position[:, 0] == position[:, 1]).all()
+    assert len(np.unique(sway["/drive.torque_command"])) > 2000
+
+
+def test_the_plc_sees_counts_not_forces(sway):
+    """Its torque follows from the whole numbers the converter gave in the same tick."""
+    counts = sway["/load_cell.counts"]
+    assert (counts == np.round(counts)).all()
+    force = counts[::8] * 2 * 50 * 9.80665 / 2**24
+    # r F, but for the rod's inclination and the unbalance at the measured angle.
+    np.testing.assert_allclose(sway["/load_cell.torque"][::8], 0.175 * force, atol=1.0)
+    assert np.abs(force - sway["/load_cell.force"][::8]).max() > 0.0
+
+
+def test_the_set_position_is_the_models_angle_a_bus_cycle_later(sway):
+    from cls_bench.kinematics import FourBar, crank_from_column
+
+    bar = FourBar(0.100, 0.209, 0.175)
+    wanted = [25.0 * crank_from_column(bar, angle) for angle in sway["/feel.angle"]]
+    np.testing.assert_allclose(sway["/drive.set_position"][2::2], wanted[:-1], atol=2.5e-4)
+
+
+def test_substeps_refine_the_same_motion(sway):
+    fine = run(SWAY, duration=0.6, set=["simulation.substeps=4"])
+    error = np.abs(fine["/column.angle"] - sway["/column.angle"])
+    assert 0.0 < error.max() < math.radians(0.02)
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -2.0e4])
+def test_a_lost_joint_is_found(value):
+    bench = Bench(Parameters())
+    assert tick.first_unbounded(bench.plant) == -1
+    for joint in range(len(JOINTS)):
+        bench.plant.qvel[:] = 0.0
+        bench.plant.qvel[joint] = value
+        assert tick.first_unbounded(bench.plant) == joint
