@@ -298,7 +298,7 @@ class Limb(Section):
 
     mass: float = quantity(
         1.8, "kg", "forearm and hand, effective at the grip",
-        "Winter 2009: 2.2 % of the body's mass, at 80 kg", gt=0, live=False,
+        "Winter 2009: 2.2 % of the body's mass, at 80 kg", gt=0, live=True,
     )  # fmt: skip
     loose_stiffness: float = quantity(
         800.0, "N/m", "grip stiffness at squeeze 0", "assumed: soft tissue of a relaxed hand", gt=0, live=True

@@ -125,3 +125,18 @@ def test_grip_can_change_while_the_simulation_runs():
     at = round(0.5 / 5e-5)
     assert abs(torque[at] - torque[at - 1]) < 0.02
     assert run.bench.model.tendon_stiffness[1] == pytest.approx(8000.0 * AREA)
+
+
+def test_the_forearms_mass_can_change_while_the_simulation_runs():
+    """In the rigid grip, 0.6 s after the change: as if it had been so from the start."""
+    shake = SHAKE + "[[squeeze]]\nat = 0.0\nvalue = 1.0\n"
+    force = [
+        run.during("/pilot.hand_force", 0.8, 1.0)
+        for run in (
+            Run(shake),
+            Run(shake + '[[changes]]\nat = 0.2\nparameters = {"limb.mass" = 1.2}\n'),
+            Run(shake, "limb.mass=1.2"),
+        )
+    ]
+    assert np.std(force[1] - force[0]) > 0.02 * np.std(force[0])
+    assert np.std(force[1] - force[2]) < 0.05 * np.std(force[1] - force[0])

@@ -156,6 +156,14 @@ def _place_masses(spec: mujoco.MjSpec, p: Parameters) -> None:
     spin("limb", _POINT)
 
 
+def set_limb_mass(model: mujoco.MjModel, mass: float) -> None:
+    """Give the limb another mass [kg] in a compiled model, also between two steps of a run."""
+    limb = model.body("limb")
+    if limb.mass[0] != mass:
+        limb.mass[0] = mass
+        mujoco.mj_setConst(model, mujoco.MjData(model))  # the mass matrix of unbranched joints is kept as a constant
+
+
 @compiled
 def update(
     plant: Any, p: Any, mesh_loss: float, damping: Dampings, attached: bool, squeeze: float
