@@ -151,6 +151,22 @@ def test_overrides(folder):
     assert parse_scenario(MINIMAL, set=["plc.outer_loop=velocity"]).parameters_at_start().plc.outer_loop == "velocity"
 
 
+def test_overrides_reach_entries(folder):
+    s = load_scenario(folder / "everything.toml", set=["squeeze[0].value=0.5", "changes[1].parameters.feel.friction=2"])
+    assert s.squeeze[0].value == 0.5
+    assert s.parameters_at(1.0).feel.friction == 2.0
+
+
+def test_checks_can_be_exchanged(folder):
+    s = load_scenario(folder / "everything.toml")
+    other = parse_scenario('title = "t"\nduration = 9.0\nchecks = [{name = "a", metric = "m", window = [1, 5]}]').checks
+    with pytest.raises(InputError, match=r"^checks\[0\]\.window: \[1, 5\] s is not valid"):
+        s.with_checks(other)
+    assert s.with_checks([]).checks == []
+    assert s.with_checks([]).parameters_at_start() == s.parameters_at_start()
+    assert len(s.checks) == 1
+
+
 BAD_KEYS = [
     # (TOML added to or put for the minimal file, key in the message, value or problem, what is valid)
     ("durations = 2.0", "durations", "unknown key", "duration"),
@@ -310,6 +326,8 @@ def test_missing_files(tmp_path):
         ("feel.aft_limit.angle=0.5", "scenario with --set: parameters.feel: aft_limit.angle"),
         ("duration=0", "--set: duration: 0 is not valid"),
         ("seed=x", "--set: seed: "),
+        ("squeeze[0].value=1", "--set squeeze[0]: the scenario has 0 entries of squeeze"),
+        ("title[0].x=1", "--set title[0]: title has no entries; valid: hand"),
         ("title=x", "--set: parameters.title: unknown parameter"),
     ],
 )
