@@ -1,6 +1,7 @@
 """Messages in Foxglove's own schemas, which its viewers draw without being told how: log, transforms, scene."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ from google.protobuf.descriptor_pb2 import (  # type: ignore[import-untyped]
 )
 from numpy.typing import NDArray
 
-from cls_bench.geometry import Geom, capsule_ends, plane_box
+from cls_bench.geometry import Geom, Vector, capsule_ends, plane_box
 from cls_bench.signals import TICK_NS, Event, Topic
 
 WORLD = "world"
@@ -131,6 +132,41 @@ def scene(body_names: Sequence[str], geoms: Sequence[Geom]) -> bytes:
                     case TriangleListPrimitive():
                         entity.triangles.append(primitive)
     return bytes(update.SerializeToString(deterministic=True))
+
+
+def parse_scene(data: bytes, body_names: Sequence[str]) -> tuple[Geom, ...]:
+    """The shapes back from :func:`scene`: a plane as a box, a capsule as a cylinder and two spheres."""
+    geoms: list[Geom] = []
+    for entity in SceneUpdate.FromString(data).entities:
+        body = list(body_names).index(entity.id)
+        geoms += [_geom(body, "box", it, (it.size.x / 2, it.size.y / 2, it.size.z / 2)) for it in entity.cubes]
+        geoms += [_geom(body, "cylinder", it, (it.size.x / 2, it.size.z / 2, 0.0)) for it in entity.cylinders]
+        geoms += [_geom(body, "ellipsoid", it, (it.size.x / 2, it.size.y / 2, it.size.z / 2)) for it in entity.spheres]
+        for mesh in entity.triangles:
+            vertices = np.array([(p.x, p.y, p.z) for p in mesh.points], np.float32)
+            faces = np.array(mesh.indices, np.int32).reshape(-1, 3)
+            geoms.append(replace(_geom(body, "mesh", mesh, (0.0, 0.0, 0.0)), vertices=vertices, faces=faces))
+    return tuple(geoms)
+
+
+def _geom(body: int, kind: str, primitive: Any, size: Vector) -> Geom:
+    at, turn, color = primitive.pose.position, primitive.pose.orientation, primitive.color
+    quaternion, rgba = (turn.w, turn.x, turn.y, turn.z), (color.r, color.g, color.b, color.a)
+    return Geom(body, kind, size, (at.x, at.y, at.z), quaternion, rgba)
+
+
+def parse_transforms(data: bytes) -> list[list[float]]:
+    """Poses from :class:`Transforms`, the world's first: position [m] and quaternion w, x, y, z."""
+    poses = [[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]]
+    for transform in FrameTransforms.FromString(data).transforms:
+        at, turn = transform.translation, transform.rotation
+        poses.append([at.x, at.y, at.z, turn.w, turn.x, turn.y, turn.z])
+    return poses
+
+
+def parse_body_names(data: bytes) -> tuple[str, ...]:
+    """The bodies' names from :class:`Transforms`, world first."""
+    return (WORLD, *(transform.child_frame_id for transform in FrameTransforms.FromString(data).transforms))
 
 
 def _primitives(

@@ -1,10 +1,12 @@
 """Reads recordings: topics as numpy arrays, chunk by chunk."""
 
+import importlib
 import json
 import struct
 import warnings
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
@@ -26,12 +28,19 @@ from cls_bench.recording.mcap_writer import (
     PARAMETERS_ATTACHMENT,
     RESULT_METADATA,
     RUN_METADATA,
+    SCENARIO_ATTACHMENT,
+    SCENE_TOPIC,
+    TRANSFORMS_TOPIC,
     WALL_CLOCK_METADATA,
 )
-from cls_bench.signals import EVENTS_TOPIC, TICK_NS, Event, Signal, Topic
+from cls_bench.recording.run_info import RunInfo
+from cls_bench.signals import EVENTS_TOPIC, TICK_NS, Block, Event, Signal, Topic
 
 INCOMPLETE = "incomplete"
 """Status of a recording whose run was killed."""
+
+READERS = 2
+"""Chunks that are unpacked at once: more would hold more memory."""
 
 _HEAD = struct.Struct("<BQ")  # opcode and length of a record
 _CHUNK_HEAD = struct.Struct("<QQQII")  # first and last time, size, CRC, length of the compression's name
@@ -55,6 +64,21 @@ class Series:
     def __len__(self) -> int:
         return len(self.time)
 
+    def to_pandas(self) -> Any:
+        """As a pandas DataFrame with the time [s] as index. InputError if pandas is not installed."""
+        return _library("pandas").DataFrame(dict(self.values), index=_library("pandas").Index(self.time, name="time"))
+
+    def to_polars(self) -> Any:
+        """As a polars DataFrame, the time [s] in its first column. InputError if polars is not installed."""
+        return _library("polars").DataFrame({"time": self.time, **self.values})
+
+
+def _library(name: str) -> Any:
+    try:
+        return importlib.import_module(name)
+    except ImportError:
+        raise InputError(f"{name} is not installed: pip install {name}") from None
+
 
 @dataclass
 class _Chunk:
@@ -70,6 +94,16 @@ class _Chunk:
     """channel -> offset and length of the entries"""
     indexed: bool = False
     """all of its message indexes are there"""
+
+
+@dataclass(frozen=True)
+class _Wanted:
+    """What to read of a topic."""
+
+    topic: Topic
+    names: tuple[str, ...]
+    columns: list[int]
+    every: int
 
 
 class Recording:
@@ -144,9 +178,7 @@ class Recording:
                     continue
                 data = self._load(file, chunk)
                 for time, offset in self._index(file, chunk, channel).tolist():
-                    _, length = _HEAD.unpack_from(data, offset)
-                    end = offset + _HEAD.size + length
-                    found.append(foxglove.parse_log(data[offset + MESSAGE_HEAD_BYTES : end], time // TICK_NS))
+                    found.append(foxglove.parse_log(_payload(data, offset), time // TICK_NS))
         return tuple(found)
 
     def read(
@@ -162,32 +194,110 @@ class Recording:
         ``every`` keeps the rows whose tick is divisible by ``every`` times the topic's ticks. Raises
         :class:`InputError` for an unknown topic or signal, and if a chunk is damaged.
         """
-        known = self._topic(topic)
-        columns = {name: self._column(known, name) for name in (known.names if signals is None else signals)}
         if every < 1:
             raise InputError(f"every = {every}: must be at least 1")
-        start_ns = 0 if start is None else _next_tick(start) * TICK_NS
-        end_ns = None if end is None else _next_tick(end) * TICK_NS
-        step_ns = every * known.ticks * TICK_NS
-        dtype = message_dtype(len(known.signals))
-        times: list[NDArray[np.uint64]] = []
-        parts: list[NDArray[np.float64]] = []
+        known = self._topic(topic)
+        names = known.names if signals is None else tuple(signals)
+        return self._read([_Wanted(known, names, [self._column(known, name) for name in names], every)], start, end)[0]
+
+    def read_all(self, start: float | None = None, end: float | None = None) -> dict[str, Series]:
+        """All signals of all topics with start ≤ time < end [s], by topic: each chunk is unpacked just once."""
+        wanted = [_Wanted(t, t.names, list(range(len(t.names))), 1) for t in self.topics.values()]
+        return dict(zip(self.topics, self._read(wanted, start, end), strict=True))
+
+    def blocks(self) -> Iterator[Block]:
+        """The run as the blocks in which it was recorded, poses and events with them."""
+        events = self.events()
+        transforms = self._channels.get(TRANSFORMS_TOPIC)
+        wanted = [_Wanted(t, t.names, list(range(len(t.names))), 1) for t in self.topics.values()]
         with self.path.open("rb") as file:
             for chunk in self._chunks:
-                if chunk.end_ns < start_ns or (end_ns is not None and chunk.start_ns >= end_ns):
-                    continue
-                index = self._index(file, chunk, self._channels[topic])
-                wanted = (index[:, 0] >= start_ns) & (index[:, 0] % step_ns == 0)
-                if end_ns is not None:
-                    wanted &= index[:, 0] < end_ns
-                if not wanted.any():
-                    continue
-                rows = self._rows(self._load(file, chunk), index[wanted, 1], dtype)
-                times.append(index[wanted, 0])
-                parts.append(rows["signals"]["value"][:, list(columns.values())].T)
-        time = np.concatenate(times) / 1e9 if times else np.zeros(0)
-        values = np.concatenate(parts, axis=1) if parts else np.zeros((len(columns), 0))
-        return Series(time, dict(zip(columns, values, strict=True)))
+                data = self._load(file, chunk)
+                parts = self._parts(file, chunk, data, wanted, 0, None)
+                fastest = next(times for part, (times, _) in zip(wanted, parts, strict=True) if part.topic.ticks == 1)
+                first, ticks = int(fastest[0]) // TICK_NS, len(fastest)
+                signals = {part.topic.path: rows.T for part, (_, rows) in zip(wanted, parts, strict=True)}
+                index = self._index(file, chunk, transforms) if transforms is not None else np.zeros((0, 2), "<u8")
+                poses = [foxglove.parse_transforms(_payload(data, int(offset))) for offset in index[:, 1]]
+                inside = tuple(event for event in events if first <= event.tick < first + ticks)
+                shape = np.array(poses, np.float64).reshape(len(poses), -1, 7) if poses else np.zeros((0, 1, 7))
+                yield Block(first, ticks, signals, shape, inside)
+
+    def run_info(self) -> RunInfo:
+        """What the recording says about its run besides the samples, shapes of the bodies included."""
+        attachments = dict(self.attachments)
+        scenario = attachments.pop(SCENARIO_ATTACHMENT, b"")
+        attachments.pop(PARAMETERS_ATTACHMENT, None)
+        transforms, scene = self._first_payload(TRANSFORMS_TOPIC), self._first_payload(SCENE_TOPIC)
+        bodies = foxglove.parse_body_names(transforms) if transforms else (foxglove.WORLD,)
+        return RunInfo(
+            scenario_name=self.scenario_name,
+            scenario_toml=scenario,
+            mjcf=attachments,
+            parameters=self.parameters,
+            metadata={name: text for name, text in self.metadata.items() if name != "scenario"},
+            wall_start=self.wall_start,
+            body_names=bodies,
+            geoms=foxglove.parse_scene(scene, bodies) if scene else (),
+        )
+
+    def _first_payload(self, topic: str) -> bytes:
+        """Data of the first message of a topic; empty if there is none."""
+        channel = self._channels.get(topic)
+        if channel is None:
+            return b""
+        with self.path.open("rb") as file:
+            for chunk in self._chunks:
+                index = self._index(file, chunk, channel)
+                if len(index):
+                    return _payload(self._load(file, chunk), int(index[0, 1]))
+        return b""
+
+    def _read(self, wanted: Sequence["_Wanted"], start: float | None, end: float | None) -> list[Series]:
+        """Samples of all of ``wanted``, in one pass over the chunks."""
+        start_ns = 0 if start is None else _next_tick(start) * TICK_NS
+        end_ns = None if end is None else _next_tick(end) * TICK_NS
+        chunks = [
+            chunk for chunk in self._chunks
+            if chunk.end_ns >= start_ns and (end_ns is None or chunk.start_ns < end_ns)
+        ]  # fmt: skip
+        with ThreadPoolExecutor(READERS) as pool:  # unpacking, checksum and copying release the interpreter
+
+            def parts(chunk: _Chunk) -> list[tuple[NDArray[np.uint64], NDArray[np.float64]]]:
+                with self.path.open("rb") as file:
+                    return self._parts(file, chunk, None, wanted, start_ns, end_ns)
+
+            found = list(pool.map(parts, chunks))
+        series = []
+        for number, part in enumerate(wanted):
+            times = [chunk[number][0] for chunk in found]
+            values = [chunk[number][1] for chunk in found]
+            time = np.concatenate(times) / 1e9 if times else np.zeros(0)
+            joined = np.concatenate(values, axis=1) if values else np.zeros((len(part.names), 0))
+            series.append(Series(time, dict(zip(part.names, joined, strict=True))))
+        return series
+
+    def _parts(
+        self, file: IO[bytes], chunk: _Chunk, data: bytes | None, wanted: Sequence["_Wanted"],
+        start_ns: int, end_ns: int | None,
+    ) -> list[tuple[NDArray[np.uint64], NDArray[np.float64]]]:  # fmt: skip
+        """Times [ns] and samples, shape (signals, rows), of all of ``wanted`` in a chunk, unpacked only if needed."""
+        parts = []
+        for part in wanted:
+            index = self._index(file, chunk, self._channels[part.topic.path])
+            kept = index[:, 0] >= start_ns
+            if part.every > 1:
+                kept &= index[:, 0] % (part.every * part.topic.ticks * TICK_NS) == 0
+            if end_ns is not None:
+                kept &= index[:, 0] < end_ns
+            index = index[kept]
+            if not len(index):
+                parts.append((index[:, 0], np.zeros((len(part.names), 0))))
+                continue
+            data = self._load(file, chunk) if data is None else data
+            rows = self._rows(data, index[:, 1], message_dtype(len(part.topic.signals)))
+            parts.append((index[:, 0], rows["signals"]["value"][:, part.columns].T))
+        return parts
 
     def _topic(self, path: str) -> Topic:
         if path not in self.topics:
@@ -298,6 +408,12 @@ class Recording:
             raise self._damaged("a chunk is not compressed with zstd")
         (length,) = struct.unpack_from("<Q", head, at + name_length)
         self._chunks.append(_Chunk(body + at - _HEAD.size + name_length + 8, length, start_ns, end_ns, size, crc))
+
+
+def _payload(data: bytes, offset: int) -> bytes:
+    """Data of the Message record at ``offset`` of an uncompressed chunk."""
+    _, length = _HEAD.unpack_from(data, offset)
+    return data[offset + MESSAGE_HEAD_BYTES : offset + _HEAD.size + length]
 
 
 def _ends_well(file: IO[bytes], end: int) -> bool:
