@@ -139,4 +139,4 @@ def test_the_forearms_mass_can_change_while_the_simulation_runs():
         )
     ]
     assert np.std(force[1] - force[0]) > 0.02 * np.std(force[0])
-    assert np.std(force[1] - force[2]) < 0.05 * np.std(force[1] - force[0])
+    assert np.std(force[1] - force[2]) < 0.15 * np.std(force[1] - force[0])

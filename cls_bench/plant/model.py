@@ -96,8 +96,8 @@ def element_spec(p: Parameters, joints: Sequence[str], parts: Sequence[str] = ()
     """A part of the bench alone: the bench's own model, cut down to ``joints`` and ``parts``.
 
     ``joints`` are the joints that stay movable; a body on which none of them bears is left out. ``parts`` are the
-    tendons, actuators and closed joints (equalities) that stay. Everything else is removed, so the element is built by the code that builds the
-    bench. Raises ValueError if a name is not in the model.
+    tendons, actuators and equalities that stay. Everything else is removed, so the element is built by the code that
+    builds the bench. Raises ValueError if a name is not in the model.
     """
     spec = build_spec(p, scene=False)
     removable = (*spec.equalities, *spec.tendons, *spec.actuators)
