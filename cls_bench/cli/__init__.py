@@ -9,6 +9,7 @@ from typing import Any
 import click
 
 from cls_bench.cli import basics
+from cls_bench.cli.sweep import sweep
 from cls_bench.errors import BenchError
 
 INTERRUPTED_EXIT_CODE = 130
@@ -42,3 +43,4 @@ def main() -> None:
 
 for _command in (basics.run, basics.list_, basics.validate, basics.schema, basics.view):
     main.add_command(_command)
+main.add_command(sweep)

@@ -1,0 +1,223 @@
+"""The sweep file: a scenario, the axes along which it varies, and the metrics to collect.
+
+.. code-block:: toml
+
+    title = "Tight grip over the rendered inertia"
+    scenario = "stability_moderate"      # shipped, or a file beside this one
+    samples = 50                         # draws of the random axes, for each combination of the others
+    design = "latin_hypercube"
+    seed = 1
+
+    [[axes]]
+    key = "feel.inertia"                 # what `cls-bench run --set` takes
+    kind = "range"                       # list, range, log_range; uniform, log_uniform, normal
+    from = 0.15
+    to = 0.5
+    count = 8
+
+    [[axes]]
+    key = "limb.mass"
+    kind = "normal"
+    mean = 1.8
+    deviation = 0.3
+
+Axes with listed values are combined with each other, the last one varying fastest; the same draws of the random axes
+go with every combination. Values are SI, as in ``--set``.
+"""
+
+import itertools
+import json
+import re
+import tomllib
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field, ValidationError, model_validator
+
+from cls_bench.errors import InputError
+from cls_bench.parameters import Parameters, leaves
+from cls_bench.resources import shipped_scenarios
+from cls_bench.scenario import Check, Scenario, load_scenario, parse_scenario
+from cls_bench.sweep.axes import Array, Axis, Listed, Random, Strict
+from cls_bench.sweep.engine import Point
+
+MOST_POINTS = 1_000_000
+"""Points a sweep may have: so many rows fit into memory with ease."""
+
+
+class Sweep(Strict):
+    """A sweep as its file describes it; made by :func:`load_sweep`."""
+
+    title: Annotated[str, Field(min_length=1)]
+    """one line that says what is looked for"""
+    scenario: Annotated[str, Field(min_length=1)]
+    """name of a shipped scenario, or a file, relative to this one"""
+    axes: Annotated[list[Axis], Field(min_length=1)]
+    """what varies"""
+    samples: Annotated[int, Field(ge=1)] | None = None
+    """number of draws of the random axes"""
+    design: Literal["random", "latin_hypercube"] = "random"
+    """how the random axes are drawn: independently, or as a latin hypercube, which fills each axis evenly"""
+    seed: Annotated[int, Field(ge=0)] = 0
+    """seed of the draws"""
+    collect: Annotated[list[str], Field(min_length=1)] | None = None
+    """names of the scenario's checks to collect; all if left out"""
+    checks: list[Check] = Field(default_factory=list)
+    """further metrics to collect, in the form of a scenario's checks"""
+
+    @model_validator(mode="after")
+    def _whole(self) -> "Sweep":
+        keys = [axis.key for axis in self.axes]
+        for key in keys:
+            if keys.count(key) > 1:
+                raise ValueError(f'the axis "{key}" is there twice')
+        if self.random != (self.samples is not None):
+            raise ValueError("samples: give it if there are random axes, and only then")
+        if self.size > MOST_POINTS:
+            raise ValueError(f"{self.size} points are more than the {MOST_POINTS} a sweep may have")
+        return self
+
+    @property
+    def random(self) -> bool:
+        """Whether an axis is drawn."""
+        return any(isinstance(axis, Random) for axis in self.axes)
+
+    @property
+    def size(self) -> int:
+        """Number of points."""
+        lengths = [len(axis.listed()) for axis in self.axes if isinstance(axis, Listed)]
+        return int(np.prod(lengths, dtype=np.float64)) * (self.samples or 1)
+
+    @cached_property
+    def points(self) -> list[Point]:
+        """The points in order: key -> value. Values of whole-number parameters are rounded."""
+        whole = {key for key, value, _ in leaves(Parameters()) if type(value) is int} | {"seed"}
+        listed = [
+            [(axis.key, _rounded(value, axis.key in whole)) for value in axis.listed()]
+            for axis in self.axes if isinstance(axis, Listed)
+        ]  # fmt: skip
+        random = [axis for axis in self.axes if isinstance(axis, Random)]
+        columns = [axis.drawn(share).tolist() for axis, share in zip(random, self._shares(len(random)), strict=True)]
+        draws = [
+            [(axis.key, _rounded(value, axis.key in whole)) for axis, value in zip(random, row, strict=True)]
+            for row in zip(*columns, strict=True)
+        ] or [[]]
+        keys = [axis.key for axis in self.axes]
+        points = [dict((*cells, *draw)) for cells in itertools.product(*listed) for draw in draws]
+        return [{key: point[key] for key in keys} for point in points]
+
+    def _shares(self, axes: int) -> Array:
+        """Numbers in (0, 1), shape (axes, samples)."""
+        if not axes or self.samples is None:
+            return np.zeros((0, 0))
+        rng = np.random.default_rng(self.seed)
+        if self.design == "random":
+            return rng.random((axes, self.samples))
+        from scipy.stats.qmc import LatinHypercube  # heavy, and few sweeps need it
+
+        return np.asarray(LatinHypercube(axes, rng=rng).random(self.samples).T)
+
+
+def _rounded(value: Any, whole: bool) -> Any:
+    return round(value) if whole and isinstance(value, float) else value
+
+
+def override(key: str, value: Any) -> str:
+    """``KEY=VALUE`` as :func:`load_scenario` takes it; every float comes back as the same one."""
+    return f"{key}={json.dumps(value)}"
+
+
+class Plan:
+    """A sweep with its scenario, checked: what is needed to evaluate a point."""
+
+    def __init__(self, sweep: Sweep, scenario: Scenario, source: bytes, name: str):
+        self.sweep = sweep
+        self.scenario = scenario
+        self.source = source
+        """the sweep file as read"""
+        self.name = name
+        """stem of the sweep file"""
+        self.checks = _collected(sweep, scenario)
+        """what is collected at every point"""
+
+    @property
+    def identity(self) -> str:
+        """What is evaluated, for the journal: both files and the samples they name."""
+        parts = [self.source, self.scenario.source, *self.scenario.sample_files.values()]
+        return "\n".join(part.decode(errors="replace") for part in parts)
+
+
+def _collected(sweep: Sweep, scenario: Scenario) -> tuple[Check, ...]:
+    known = {check.name: check for check in scenario.checks}
+    for name in sweep.collect or []:
+        if name not in known:
+            raise InputError(f'collect: "{name}" is no check of {scenario.name}; it has {", ".join(known) or "none"}')
+    chosen = [known[name] for name in sweep.collect] if sweep.collect is not None else list(scenario.checks)
+    if not (chosen or sweep.checks):
+        raise InputError(f"checks: {scenario.name} measures nothing; give [[checks]] to collect")
+    checks = (*chosen, *sweep.checks)
+    taken = {"point", "status", "message", *(axis.key for axis in sweep.axes)}
+    for check in checks:
+        if check.name in taken:
+            raise InputError(f'checks: "{check.name}" is the name of another column; choose another')
+    return checks
+
+
+def load_sweep(path: Path) -> Plan:
+    """Read a sweep file and its scenario. Raises InputError with one line that says what is wrong."""
+    from cls_bench.experiment import validate
+
+    try:
+        source = path.read_bytes()
+        table = tomllib.loads(source.decode())
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise InputError(f"{path}: broken TOML: {error}") from None
+    try:
+        sweep = Sweep.model_validate(table)
+    except ValidationError as failure:
+        raise InputError(f"{path}: {_fault(failure)}") from None
+    named = sweep.scenario
+    scenario = load_scenario(named if named in shipped_scenarios() else path.parent / named)
+    try:
+        _check_keys(sweep, scenario)
+        plan = Plan(sweep, scenario, source, path.stem)
+        validate(scenario.with_checks(plan.checks))
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    return plan
+
+
+def _check_keys(sweep: Sweep, scenario: Scenario) -> None:
+    """Refuse keys that no point could have; a parameter's value that is not valid is a row with its error."""
+    parameters = [key for key, _, _ in leaves(Parameters())]
+    for k, axis in enumerate(sweep.axes):
+        if re.fullmatch(r"\w+\[\d+\]\..+", axis.key):
+            parse_scenario(scenario.source, path=scenario.path, set=[override(axis.key, sweep.points[0][axis.key])])
+        elif axis.key not in (*parameters, "duration", "seed"):
+            raise InputError(
+                f'axes[{k}].key: "{axis.key}" is unknown; valid are parameters (cls-bench list --parameters), '
+                "duration, seed, and entries such as squeeze[0].value"
+            )
+
+
+def _fault(failure: ValidationError) -> str:
+    """The first fault as ``key: what is wrong``."""
+    error = failure.errors(include_url=False)[0]
+    kinds = ("list", "range", "log_range", "uniform", "log_uniform", "normal")
+    key = ""
+    for part in error["loc"]:
+        if part not in kinds:
+            key += f"[{part}]" if isinstance(part, int) else f".{part}"
+    key = key.lstrip(".")
+    if error["type"] == "extra_forbidden":
+        return f"{key}: unknown key"
+    if error["type"] == "missing":
+        return f"{key}: missing"
+    if error["type"] == "value_error":
+        return f"{key}: {error['ctx']['error']}" if key else str(error["ctx"]["error"])
+    shown = json.dumps(error["input"], ensure_ascii=False, default=str)
+    return f"{key}: {shown[:60]} is not valid; {error['msg'][0].lower()}{error['msg'][1:]}"
