@@ -10,7 +10,7 @@ or the wiring of the loops and hold for the whole run.
 
 import math
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
 
@@ -39,6 +39,12 @@ def quantity(default: Any, unit: str, meaning: str, source: str, *, live: bool =
     if isinstance(default, float):
         bounds["allow_inf_nan"] = False
     return Field(default=default, description=meaning, json_schema_extra=extra, **bounds)
+
+
+def part(default: Any, meaning: str, **sources: str) -> Any:
+    """Declare a section that is used more than once, with the sources of the values that differ from place to place."""
+    extra: JsonDict = {"sources": {**sources}}
+    return Field(default=default, description=meaning, json_schema_extra=extra)
 
 
 class Section(BaseModel):
@@ -153,16 +159,22 @@ class Gearbox(Section):
         0.15, "N·m·s/rad", "presliding damping of the meshing friction",
         "assumed: near-critical for the motor's inertia; fades out above the Stribeck velocity", ge=0,
     )  # fmt: skip
-    stage1: GearStage = GearStage(
-        stiffness=1.2 / ARCMIN, backlash=5.0 * ARCMIN, drag=0.055, transmission_error=0.4 * ARCMIN
+    stage1: GearStage = part(
+        GearStage(stiffness=1.2 / ARCMIN, backlash=5.0 * ARCMIN, drag=0.055, transmission_error=0.4 * ARCMIN),
+        "first stage",
+        stiffness="assumed: 30 N·m/arcmin at the gearbox output, so that it adds a sixth to the second stage's give",
+        backlash="assumed: 1 arcmin at the gearbox output",
+        drag="assumed: class's range of idle torque is 0.05 to 0.3 N·m at the input, both stages together",
+        transmission_error="assumed: a tenth of the play",
     )
-    """assumed: 1.2 N·m/arcmin and 5 arcmin at its output, that is 30 N·m/arcmin and 1 arcmin at the gearbox output;
-    drag 0.055 N·m, in the class's range of idle torque (0.05 to 0.3 N·m); transmission error a tenth of the play"""
-    stage2: GearStage = GearStage(
-        stiffness=6.0 / ARCMIN, backlash=3.0 * ARCMIN, drag=0.125, transmission_error=0.3 * ARCMIN
+    stage2: GearStage = part(
+        GearStage(stiffness=6.0 / ARCMIN, backlash=3.0 * ARCMIN, drag=0.125, transmission_error=0.3 * ARCMIN),
+        "second stage",
+        stiffness="assumed: gearboxes of this class have 2 to 8 N·m/arcmin at their output",
+        backlash="assumed: 4 arcmin with the first stage's; thesis 3.2.2: under 5",
+        drag="assumed: 0.025 N·m at the motor",
+        transmission_error="assumed: a tenth of the play",
     )
-    """assumed: 6 N·m/arcmin (class: 2 to 8 in all) and 3 arcmin, so the total play is 4 arcmin, under the 5 of thesis
-    3.2.2; drag 0.125 N·m at its input, 0.025 N·m at the motor; transmission error a tenth of the play"""
 
     @property
     def input_total_inertia(self) -> float:
@@ -459,10 +471,20 @@ class Feel(Section):
         0.25, "N·m", "Coulomb friction μ_fcs, with stiction", "thesis figure 4.2", ge=0, live=True
     )
     neutral: float = quantity(0.0, "rad", "neutral position φ_0 (trim)", "thesis 3.5.2", gt=-0.6, lt=0.6, live=True)
-    aft_limit: TravelLimit = TravelLimit(angle=14.0 * DEG, stiffness=150.0, damping=2.0)
-    """control surface's, softened by the cables: assumed after the two slopes of thesis figure 4.2"""
-    forward_limit: TravelLimit = TravelLimit(angle=17.0 * DEG, stiffness=1500.0, damping=15.0)
-    """column's own, stiff: assumed after the two slopes of thesis figure 4.2, well damped"""
+    aft_limit: TravelLimit = part(
+        TravelLimit(angle=14.0 * DEG, stiffness=150.0, damping=2.0),
+        "travel limit of the control surface, softened by the cables",
+        angle="assumed: within the travel of ±20°, so that both limits of thesis figure 4.2 are reached",
+        stiffness="assumed: four times c_fcs, so that the torque bends visibly, as in thesis figure 4.2",
+        damping="assumed: a little more than the model's own",
+    )
+    forward_limit: TravelLimit = part(
+        TravelLimit(angle=17.0 * DEG, stiffness=1500.0, damping=15.0),
+        "travel limit of the column itself, stiff",
+        angle="assumed: 3° beyond the surface's, before the limit switches",
+        stiffness="assumed: ten times the cables': thesis 4.2 calls it the stiff one",
+        damping="assumed: a third of critical for the model's inertia",
+    )
     centering_stiffness: float = quantity(
         0.0, "N·m/rad", "slope of the centering unit about neutral", "thesis 3.5.2", ge=0, live=True
     )
@@ -508,19 +530,18 @@ class Parameters(Section):
     simulation: Simulation = Simulation()
 
 
-def leaves(section: Section, prefix: str = "", origin: str = "") -> Iterator[tuple[str, Any, dict[str, Any]]]:
-    """Yield (dotted key, value, {"unit", "source", "live", "meaning"}) of every parameter below ``section``.
-
-    A section that is used twice (a gear stage, a travel limit) leaves its sources empty; they then are ``origin``, what
-    its owner says of it.
-    """
+def leaves(
+    section: Section, prefix: str = "", sources: Mapping[str, str] | None = None
+) -> Iterator[tuple[str, Any, dict[str, Any]]]:
+    """Yield (dotted key, value, {"unit", "source", "live", "meaning"}) of every parameter below ``section``."""
     for name, info in type(section).model_fields.items():
         value = getattr(section, name)
+        extra: Any = info.json_schema_extra if isinstance(info.json_schema_extra, dict) else {}
         if isinstance(value, Section):
-            yield from leaves(value, f"{prefix}{name}.", info.description or "")
+            yield from leaves(value, f"{prefix}{name}.", extra.get("sources"))
         else:
-            extra = info.json_schema_extra if isinstance(info.json_schema_extra, dict) else {}
-            yield f"{prefix}{name}", value, {**extra, "source": extra["source"] or origin, "meaning": info.description}
+            source = (sources or {}).get(name) or extra["source"]
+            yield f"{prefix}{name}", value, {**extra, "source": source, "meaning": info.description}
 
 
 def _dtype(section: type[Section]) -> np.dtype[Any]:
@@ -557,11 +578,11 @@ def record_of(parameters: Parameters) -> Any:
 def table() -> str:
     """All parameters as Markdown tables, one a section, with default, unit and source."""
     lines: list[str] = []
-    for name, info in Parameters.model_fields.items():
+    for name in Parameters.model_fields:
         section = getattr(Parameters(), name)
         lines += ["", f"### `{name}`", "", " ".join((type(section).__doc__ or "").split()), ""]
         lines += ["| parameter | default | unit | meaning | source |", "|---|---|---|---|---|"]
-        for key, value, about in leaves(section, f"{name}.", info.description or ""):
+        for key, value, about in leaves(section, f"{name}."):
             number = f"{value:.6g}" if isinstance(value, float) else str(value).lower()
             meaning = f"{about['meaning']} *(live)*" if about["live"] else about["meaning"]
             cells = (f"`{key}`", number, about["unit"], meaning, about["source"])

@@ -5,7 +5,6 @@ import math
 import mujoco
 import numpy as np
 import pytest
-from plant_rig import Element
 from scipy.optimize import brentq
 
 from cls_bench.control.kinematic_chain import column_from_motor, motor_from_column
@@ -20,6 +19,7 @@ from cls_bench.kinematics import (
     rod_angle,
 )
 from cls_bench.parameters import DEG, Parameters
+from tests.plant_rig import Element
 
 BAR = Parameters().linkage.four_bar
 TRAVEL = 20.0 * DEG

@@ -3,11 +3,11 @@
 import math
 
 import pytest
-from plant_rig import parameters
 from pydantic import ValidationError
 
 from cls_bench.parameters import Parameters, leaves, record_of, table, with_table
 from cls_bench.resources import model_folder
+from tests.plant_rig import parameters
 
 LEAVES = list(leaves(Parameters()))
 

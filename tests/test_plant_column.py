@@ -3,12 +3,12 @@
 import mujoco
 import numpy as np
 import pytest
-from plant_rig import Element, Run
 
 from cls_bench.parameters import DEG, GRAVITY, Parameters
 from cls_bench.plant import friction
 from cls_bench.plant.model import BEARING_STRIBECK, static_unbalance
 from cls_bench.plant.play import set_play
+from tests.plant_rig import Element, Run
 
 P = Parameters()
 

@@ -4,11 +4,11 @@ import math
 
 import numpy as np
 import pytest
-from plant_rig import Element, Run, parameters
 
 from cls_bench.kinematics import crank_from_column, crank_ratio
 from cls_bench.parameters import ARCMIN, DEG, Parameters
 from cls_bench.plant.gearbox import update_stage
+from tests.plant_rig import Element, Run, parameters
 
 BOX = Parameters().gearbox
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from plant_rig import Element, Run, parameters
 
 from cls_bench.parameters import DEG, Parameters
 from cls_bench.plant.limb import grip_force, update_grip
+from tests.plant_rig import Element, Run, parameters
 
 P = Parameters()
 AREA = P.column.grip_height**2

@@ -6,10 +6,10 @@ from itertools import pairwise
 import mujoco
 import numpy as np
 import pytest
-from plant_rig import Element
 
 from cls_bench.kinematics import crank_from_column, crank_ratio, rod_angle
 from cls_bench.parameters import DEG, Parameters
+from tests.plant_rig import Element
 
 P = Parameters()
 BAR = P.linkage.four_bar

@@ -5,12 +5,12 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from plant_rig import Element, parameters
 
 from cls_bench.parameters import Parameters
 from cls_bench.plant import model as plant_model
 from cls_bench.plant import state
 from cls_bench.resources import model_folder
+from tests.plant_rig import Element, parameters
 
 FILES = sorted(model_folder().glob("*.xml"))
 

@@ -4,13 +4,13 @@ import math
 
 import numpy as np
 import pytest
-from plant_rig import Element, Run, parameters
 
 from cls_bench.control import servo, tuning
 from cls_bench.parameters import RPM, Parameters
 from cls_bench.plant import motor
 from cls_bench.plant.state import CURRENT, TEMPERATURE
 from cls_bench.signals import TICK_S, VELOCITY_S, VELOCITY_TICKS
+from tests.plant_rig import Element, Run, parameters
 
 
 class MotorOnDrive:

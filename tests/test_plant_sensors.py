@@ -4,13 +4,13 @@ import math
 
 import numpy as np
 import pytest
-from plant_rig import Run, parameters
 
 from cls_bench.bench import Bench
 from cls_bench.parameters import DEG, GRAVITY, Parameters, record_of
 from cls_bench.plant import sensors, state
 from cls_bench.plant.sensors import load_cell_count, sample, weigh
 from cls_bench.signals import TICK_S
+from tests.plant_rig import Run, parameters
 
 P = Parameters()
 QUIET = parameters(

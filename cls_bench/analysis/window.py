@@ -65,7 +65,7 @@ class Window:
     def time(self) -> Array:
         """Time since the start of the run, shape (rows,) [s]."""
         first = -(-round(self.start / TICK_S) // PLC_TICKS)
-        return np.arange(first, first + len(self["/feel.angle"])) * PLC_S
+        return PLC_S * np.arange(first, first + len(self["/feel.angle"]), dtype=np.float64)
 
 
 def split_signal(signal: str) -> tuple[str, str]:
