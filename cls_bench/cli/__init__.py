@@ -10,6 +10,7 @@ import click
 
 from cls_bench.cli import basics
 from cls_bench.cli.sweep import sweep
+from cls_bench.cli.view import view
 from cls_bench.errors import BenchError
 
 INTERRUPTED_EXIT_CODE = 130
@@ -41,6 +42,7 @@ def main() -> None:
     """
 
 
-for _command in (basics.run, basics.list_, basics.validate, basics.schema, basics.view):
+for _command in (basics.run, basics.list_, basics.validate, basics.schema):
     main.add_command(_command)
 main.add_command(sweep)
+main.add_command(view)

@@ -1,7 +1,6 @@
-"""run, list, validate, schema, view."""
+"""run, list, validate, schema."""
 
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -48,7 +47,9 @@ def run(
     else:
         print_result(result)
     if view:
-        view_recording(result.rrd or result.mcap)
+        from cls_bench.cli.view import view_recordings
+
+        view_recordings([result.rrd or result.mcap])
     ctx.exit(result.exit_code)
 
 
@@ -125,30 +126,3 @@ def schema() -> None:
     from cls_bench.scenario import scenario_schema
 
     click.echo(json.dumps(scenario_schema(), indent=2, ensure_ascii=False))
-
-
-@click.command()
-@click.argument("recording", type=click.Path(path_type=Path))
-def view(recording: Path) -> None:
-    """Open a recording (.rrd or .mcap) in the Rerun viewer."""
-    view_recording(recording)
-
-
-def view_recording(recording: Path) -> None:
-    """Open the recording, or the .rrd beside it, in the Rerun viewer; InputError if that cannot start."""
-    import subprocess
-
-    if not recording.is_file():
-        raise InputError(f"{recording}: no such file")
-    rrd = recording.with_suffix(".rrd")
-    shown = rrd if rrd.is_file() else recording
-    viewer = Path(sys.executable).with_name("rerun")
-    try:
-        code = subprocess.run([str(viewer), str(shown)], check=False).returncode
-    except OSError as error:
-        raise InputError(f"the Rerun viewer cannot be started ({error.strerror}); it comes with rerun-sdk") from None
-    if code:
-        raise InputError(
-            f"the Rerun viewer ended with code {code}; without a display, serve it to a browser: "
-            f"rerun --serve-web --bind 127.0.0.1 {shown}"
-        )

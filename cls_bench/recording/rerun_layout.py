@@ -36,10 +36,11 @@ LANES = "state"
 DRIVE_LANE, HAND_LANE, EVENT_LANE = f"{LANES}/drive", f"{LANES}/hand", f"{LANES}/last_event"
 
 DRIVE_STATES = {"power off": MODEL, "power on": MEASURED}
-HAND_STATES = {"let go": QUIET, "loose": STAGE2, "firm": PILOT, "tight": (213, 94, 0)}
+HAND_STATES = {"let go": (90, 98, 106), "loose": (148, 118, 62), "firm": (196, 140, 30), "tight": (230, 159, 0)}
+LEVEL_COLORS = {"info": (90, 98, 106), "warning": STAGE2, "error": (213, 64, 50)}
 """States in the lanes and their colours."""
 
-_EYE, _LOOK_TARGET = (0.34, -0.86, 0.66), (-0.09, 0.03, 0.36)  # [m]
+_EYE, _LOOK_TARGET = (0.33, -0.66, 0.66), (-0.09, 0.03, 0.40)  # [m]
 
 DEGREES = 180.0 / np.pi
 RPM = 30.0 / np.pi
@@ -116,7 +117,7 @@ def _one(prefix: str, linked: rrb.TimeAxis) -> rrb.Container:
         rrb.Horizontal(plot(MESH_TORQUE), plot(MESH_FRICTION), name="Gearbox"),
     )
     right = rrb.Vertical(
-        plot(ANGLE), plot(TORQUE), details, _lanes(prefix, linked), _texts(prefix), row_shares=[3, 3, 3, 2, 2]
+        plot(ANGLE), plot(TORQUE), details, _lanes(prefix, linked), _texts(prefix), row_shares=[2.6, 2.6, 2.8, 2.8, 1.5]
     )
     return rrb.Horizontal(left, right, column_shares=[2, 3])
 
@@ -132,16 +133,16 @@ def _bench(prefix: str) -> rrb.View:
         name=f"Bench {prefix}".strip(),
         eye_controls=rrb.EyeControls3D(position=_EYE, look_target=_LOOK_TARGET, eye_up=(0.0, 0.0, 1.0)),
         line_grid=rrb.LineGrid3D(visible=False),
-        background=(226, 230, 234),
+        background=(214, 219, 225),
     )
 
 
 def _torque_over_angle(prefix: str) -> rrb.View:
     return rrb.Spatial2DView(
         origin=f"{prefix}/{TORQUE_OVER_ANGLE}",
-        name=f"Torque over displacement {prefix}".strip(),
+        name=f"Torque over displacement {prefix} (blue: power on, orange: off)".replace("  ", " "),
         background=(20, 22, 25),
-        visual_bounds=rrb.VisualBounds2D(x_range=(-1.75, 1.65), y_range=(-1.15, 1.35)),
+        visual_bounds=rrb.VisualBounds2D(x_range=(-1.75, 1.75), y_range=(-1.2, 1.25)),
     )
 
 

@@ -24,7 +24,7 @@ ARROWS = ("hand on the column", "connecting rod on the column")
 _GRIP = (0.0, -0.022, 0.30)
 """The site "grip" in the column's frame [m]."""
 
-_ASIDE = np.array([0.0, -0.055, 0.0])
+_ASIDE = np.array([0.0, -0.065, 0.0])
 """How far before the bench the arrows are drawn, to be seen [m]."""
 
 

@@ -114,6 +114,7 @@ class _Run:
         self._pending_ticks = 0
         self._loop: list[Array] = []  # time [tick], angle [rad], torque [N·m], powered
         self._states: dict[str, str] = {}
+        self._said: dict[str, layout.Color] = {}  # event -> colour
         self._send_static(info)
 
     def write(self, block: Block) -> None:
@@ -135,6 +136,9 @@ class _Run:
         """Send what is pending, and what is known now that all was seen."""
         self._send_pending()
         self._send_loop()
+        if self._said:
+            look = rr.StateConfiguration(values=list(self._said), colors=list(self._said.values()))
+            self._log(layout.EVENT_LANE, look)
 
     def _at(self, entity: str) -> str:
         return f"{self._prefix}/{entity.lstrip('/')}"
@@ -170,6 +174,7 @@ class _Run:
         time = [_time(np.array([event.tick for event in events]))]
         text = [f"{event.source}: {event.message}" for event in events]
         levels = [LEVELS[event.level] for event in events]
+        self._said |= {line: layout.LEVEL_COLORS[event.level] for line, event in zip(text, events, strict=True)}
         self._stream.send_columns(self._at(EVENTS_TOPIC), time, rr.TextLog.columns(text=text, level=levels))
         self._stream.send_columns(self._at(layout.EVENT_LANE), time, rr.StateChange.columns(state=text))
 
@@ -242,9 +247,8 @@ class _Run:
         axes = [[(-1.5, 0.0), (1.5, 0.0)], [(0.0, -1.0), (0.0, 1.0)]]
         self._log(f"{at}/axes", rr.LineStrips2D(axes, colors=[(90, 98, 106)], radii=rr.Radius.ui_points(0.75)))
         self._log(f"{at}/curve", rr.LineStrips2D(strips, colors=colors, radii=rr.Radius.ui_points(1.0)))
-        marks = [(-1.5, 0.0), (1.5, 0.0), (0.0, -1.0), (0.0, 1.0), (0.0, 1.2)]
+        marks = [(-1.5, 0.0), (1.5, 0.0), (0.0, -1.0), (0.0, 1.0)]
         labels = [f"−{right:g}°", f"{right:g}°", f"{top:g} N·m", f"−{top:g} N·m"]
-        labels.append("load cell torque over column angle; blue: power on, orange: off")
         look = {"colors": [layout.QUIET], "radii": rr.Radius.ui_points(1.5)}
         self._log(f"{at}/marks", rr.Points2D(marks, labels=labels, show_labels=True, **look))
         self._log(f"{at}/now", rr.Points2D.from_fields(colors=[(255, 255, 255)], radii=rr.Radius.ui_points(5.0)))
