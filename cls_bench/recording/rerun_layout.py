@@ -87,8 +87,9 @@ PLOTS = (TORQUE, ANGLE, MOTOR_TORQUE, MOTOR_SPEED, MESH_TORQUE, MESH_FRICTION)
 
 
 def lines(names: Sequence[str], colors: NDArray[np.uint8] | Sequence[Color]) -> rr.SeriesLines:
-    """Names and colours of the curves of an entity."""
-    return rr.SeriesLines(names=names, colors=np.asarray(colors, np.uint8))
+    """Names and colours of the curves of an entity; zoomed out they keep their peaks, which averages would hide."""
+    policy = rr.components.AggregationPolicy.MinMax
+    return rr.SeriesLines(names=names, colors=np.asarray(colors, np.uint8), aggregation_policy=policy)
 
 
 def blueprint(prefixes: Sequence[str], titles: Sequence[str]) -> rrb.Blueprint:
@@ -123,14 +124,19 @@ def _one(prefix: str, linked: rrb.TimeAxis) -> rrb.Container:
 
 
 def _narrow(prefix: str, title: str, linked: rrb.TimeAxis) -> rrb.Container:
-    views = [_bench(prefix), _torque_over_angle(prefix), _plot(prefix, ANGLE, linked), _plot(prefix, TORQUE, linked)]
+    views = [
+        _bench(prefix, f"Bench: {title}"),
+        _torque_over_angle(prefix),
+        _plot(prefix, ANGLE, linked),
+        _plot(prefix, TORQUE, linked),
+    ]
     return rrb.Vertical(*views, _lanes(prefix, linked), row_shares=[3, 3, 2, 2, 1.5], name=title)
 
 
-def _bench(prefix: str) -> rrb.View:
+def _bench(prefix: str, name: str = "Bench") -> rrb.View:
     return rrb.Spatial3DView(
         origin=f"{prefix}/{BENCH}",
-        name=f"Bench {prefix}".strip(),
+        name=name,
         eye_controls=rrb.EyeControls3D(position=_EYE, look_target=_LOOK_TARGET, eye_up=(0.0, 0.0, 1.0)),
         line_grid=rrb.LineGrid3D(visible=False),
         background=(214, 219, 225),
@@ -140,7 +146,7 @@ def _bench(prefix: str) -> rrb.View:
 def _torque_over_angle(prefix: str) -> rrb.View:
     return rrb.Spatial2DView(
         origin=f"{prefix}/{TORQUE_OVER_ANGLE}",
-        name=f"Torque over displacement {prefix} (blue: power on, orange: off)".replace("  ", " "),
+        name="Torque over displacement (blue: power on, orange: off)",
         background=(20, 22, 25),
         visual_bounds=rrb.VisualBounds2D(x_range=(-1.75, 1.75), y_range=(-1.2, 1.25)),
     )
@@ -148,15 +154,11 @@ def _torque_over_angle(prefix: str) -> rrb.View:
 
 def _plot(prefix: str, plot: Plot, linked: rrb.TimeAxis) -> rrb.View:
     legend = rrb.PlotLegend(rrb.Corner2D.LeftTop)
-    return rrb.TimeSeriesView(
-        origin=f"{prefix}{plot.entity}", name=f"{plot.title} {prefix}".strip(), axis_x=linked, plot_legend=legend
-    )
+    return rrb.TimeSeriesView(origin=f"{prefix}{plot.entity}", name=plot.title, axis_x=linked, plot_legend=legend)
 
 
 def _lanes(prefix: str, linked: rrb.TimeAxis) -> rrb.View:
-    return rrb.StateTimelineView(
-        origin=f"{prefix}/{LANES}", name=f"Power, hand, events {prefix}".strip(), time_view=linked
-    )
+    return rrb.StateTimelineView(origin=f"{prefix}/{LANES}", name="Power, hand, events", time_view=linked)
 
 
 def _texts(prefix: str) -> rrb.Container:
