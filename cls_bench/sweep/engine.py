@@ -164,19 +164,20 @@ class Dask:
                     waiting[futures[-1].key] = number, point
                 return futures
 
-            done = as_completed(submit())
-            for future in done:
-                number, point = waiting.pop(future.key)
-                try:
-                    row = future.result()
-                except _OtherSourcesError:
-                    raise InputError("a Dask worker has other sources of cls-bench than this process") from None
-                except KilledWorker:
-                    row = Row(number, point, error="workers were lost with this point each time it was tried")
-                except CancelledError:
-                    raise OutputError("the Dask scheduler was lost") from None
-                done.update(submit())
-                yield row
+            try:
+                done = as_completed(submit())
+                for future in done:
+                    number, point = waiting.pop(future.key)
+                    try:
+                        row = future.result()
+                    except KilledWorker:
+                        row = Row(number, point, error="workers were lost with this point each time it was tried")
+                    done.update(submit())
+                    yield row
+            except _OtherSourcesError:
+                raise InputError("a Dask worker has other sources of cls-bench than this process") from None
+            except (CancelledError, OSError):
+                raise OutputError("the Dask scheduler was lost") from None
 
     @contextmanager
     def _client(self) -> Iterator[Any]:

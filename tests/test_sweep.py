@@ -1,0 +1,519 @@
+"""Sweeps: the same rows on any engine and any number of workers, nothing lost, errors as rows."""
+
+import itertools
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from click.testing import CliRunner, Result
+
+from cls_bench.analysis.window import Window
+from cls_bench.bench import Bench
+from cls_bench.cli import main
+from cls_bench.errors import InputError
+from cls_bench.experiment import run
+from cls_bench.parameters import Parameters
+from cls_bench.scenario import load_scenario
+from cls_bench.sweep.core import evaluate_points
+from cls_bench.sweep.engine import Dask, Row, Threads, make_engine
+from cls_bench.sweep.plan import load_sweep
+from cls_bench.sweep.runs import Memory, measure_in_memory
+
+ROOT = Path(__file__).parents[1]
+
+SCENARIO = """
+title = "Push"
+duration = 0.2
+seed = 3
+[[hand]]
+at = 0.0
+kind = "ramp"
+to_deg = 5.0
+over = 0.15
+[[squeeze]]
+at = 0.05
+value = 0.5
+[[checks]]
+name = "peak"
+metric = "maximum"
+signal = "/column.angle"
+window = [0.0, 0.2]
+max = 0.05
+[[checks]]
+name = "torque"
+metric = "rms"
+signal = "/load_cell.torque"
+window = [0.05, 0.15]
+"""
+
+GRID = """
+title = "Push over inertia and grip"
+scenario = "push.toml"
+[[axes]]
+key = "feel.inertia"
+kind = "range"
+from = 0.2
+to = 0.5
+count = 4
+[[axes]]
+key = "squeeze[0].value"
+kind = "list"
+values = [0.0, 1.0]
+"""
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Callable[[str], Path]:
+    """Writes a sweep file beside its scenario."""
+
+    def write(sweep: str) -> Path:
+        (tmp_path / "push.toml").write_text(SCENARIO)
+        path = tmp_path / "sweep.toml"
+        path.write_text(sweep)
+        return path
+
+    return write
+
+
+def call(*arguments: str | Path) -> Result:
+    return CliRunner().invoke(main, ["sweep", *map(str, arguments)])
+
+
+# --- points ----------------------------------------------------------------------------------------------------------
+
+
+def test_grid_is_the_product_with_the_last_axis_fastest(file: Any) -> None:
+    points = load_sweep(file(GRID)).sweep.points
+    inertias = np.linspace(0.2, 0.5, 4).tolist()
+    expected = list(itertools.product(inertias, (0.0, 1.0)))
+    assert [(p["feel.inertia"], p["squeeze[0].value"]) for p in points] == expected
+
+
+RANDOM = """
+title = "Random"
+scenario = "push.toml"
+samples = 400
+design = "{design}"
+seed = {seed}
+[[axes]]
+key = "limb.mass"
+kind = "normal"
+mean = 1.8
+deviation = 0.3
+[[axes]]
+key = "feel.inertia"
+kind = "log_uniform"
+from = 0.1
+to = 1.0
+[[axes]]
+key = "plc.command_latency"
+kind = "list"
+values = [1, 2]
+[[axes]]
+key = "feel.stiffness"
+kind = "uniform"
+from = 10.0
+to = 20.0
+"""
+
+
+@pytest.mark.parametrize("design", ["random", "latin_hypercube"])
+def test_draws_follow_their_distributions_and_seed(file: Any, design: str) -> None:
+    points = load_sweep(file(RANDOM.format(design=design, seed=1))).sweep.points
+    assert len(points) == 800
+    assert list(points[0]) == ["limb.mass", "feel.inertia", "plc.command_latency", "feel.stiffness"]
+    first, second = points[:400], points[400:]
+    assert {p["plc.command_latency"] for p in first} == {1}
+    # Every combination of the other axes has the same draws.
+    assert [p["limb.mass"] for p in first] == [p["limb.mass"] for p in second]
+    mass = np.array([p["limb.mass"] for p in first])
+    inertia = np.log10([p["feel.inertia"] for p in first])
+    stiffness = np.array([p["feel.stiffness"] for p in first])
+    # Three standard errors of 400 draws; the correlation of independent draws likewise.
+    assert abs(mass.mean() - 1.8) < 3 * 0.3 / 20
+    assert abs(mass.std() - 0.3) < 3 * 0.3 / np.sqrt(800)
+    assert abs(inertia.mean() + 0.5) < 3 * np.sqrt(1 / 12) / 20
+    assert inertia.min() >= -1.0
+    assert inertia.max() <= 0.0
+    assert abs(np.corrcoef(mass, inertia)[0, 1]) < 3 / 20
+    assert 10.0 <= stiffness.min() < stiffness.max() <= 20.0
+    again = load_sweep(file(RANDOM.format(design=design, seed=1))).sweep.points
+    other = load_sweep(file(RANDOM.format(design=design, seed=2))).sweep.points
+    assert again == points
+    assert other != points
+
+
+def test_latin_hypercube_fills_every_stratum_once(file: Any) -> None:
+    points = load_sweep(file(RANDOM.format(design="latin_hypercube", seed=5))).sweep.points[:400]
+    strata = np.floor((np.array([p["feel.stiffness"] for p in points]) - 10.0) / 10.0 * 400).astype(int)
+    assert sorted(strata) == list(range(400))
+
+
+def test_log_range_and_whole_numbers(file: Any) -> None:
+    sweep = """
+title = "x"
+scenario = "push.toml"
+[[axes]]
+key = "feel.inertia"
+kind = "log_range"
+from = 0.1
+to = 1.6
+count = 5
+[[axes]]
+key = "seed"
+kind = "range"
+from = 1
+to = 3
+count = 3
+"""
+    points = load_sweep(file(sweep)).sweep.points
+    assert [p["feel.inertia"] for p in points[::3]] == pytest.approx([0.1, 0.2, 0.4, 0.8, 1.6])
+    assert [p["seed"] for p in points[:3]] == [1, 2, 3]
+    assert all(type(p["seed"]) is int for p in points)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (("count = 4", "count = 1"), "axes[0].count: 1 is not valid"),
+        (('kind = "list"', 'kind = "lists"'), "axes[1]: "),
+        (("to = 0.5", 'to = "0.5"'), 'axes[0].to: "0.5" is not valid'),
+        (('key = "feel.inertia"', 'key = "feel.inertial"'), '"feel.inertial" is unknown'),
+        (('key = "feel.inertia"', 'key = "squeeze[0].value"'), "there twice"),
+        (("squeeze[0]", "squeeze[3]"), "the scenario has 1 entries of squeeze"),
+        (("squeeze[0].value", "squeeze[0].tight"), "squeeze[0].tight: unknown key"),
+        (('"push.toml"', '"pull.toml"'), "pull.toml: no such file"),
+        (("[[axes]]", "colour = 1\n[[axes]]"), "colour: unknown key"),
+        (("[[axes]]", "samples = 3\n[[axes]]"), "samples: give it if there are random axes"),
+        (("[[axes]]", 'collect = ["speed"]\n[[axes]]'), '"speed" is no check of push'),
+        (("count = 4", "count = 1000000"), "are more than the"),
+        (("title", "titel ="), "broken TOML"),
+    ],
+)
+def test_bad_sweep_file_is_one_line(file: Any, tmp_path: Path, change: tuple[str, str], said: str) -> None:
+    result = call(file(GRID.replace(*change, 1)), "--out", tmp_path / "out")
+    assert result.exit_code == 2
+    assert result.stderr.count("\n") == 1
+    assert said in result.stderr
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("scheduler", ["thread", "threads:0", "threads:x", "local-cluster:-1"])
+def test_bad_scheduler_is_one_line(file: Any, tmp_path: Path, scheduler: str) -> None:
+    result = call(file(GRID), "--out", tmp_path / "out", "--scheduler", scheduler)
+    assert result.exit_code == 2
+    assert f"--scheduler {scheduler}: " in result.stderr
+
+
+# --- machinery -------------------------------------------------------------------------------------------------------
+
+
+def square(point: Mapping[str, Any]) -> dict[str, Any]:
+    """Slower for early points, so that the order of completion is not the order of the points."""
+    time.sleep(0.004 if point["x"] < 20 else 0.001)
+    if point["x"] == 7:
+        raise ValueError("seven\nand more")
+    if point["x"] == 8:
+        raise InputError("eight is not valid")
+    return {"y": point["x"] ** 2, "nan": float("nan"), "text": "ü", "flag": True, "none": None}
+
+
+POINTS = [{"x": k} for k in range(40)]
+
+
+def same(a: list[Row], b: list[Row]) -> bool:
+    return repr(a) == repr(b)  # NaN equals itself here
+
+
+@pytest.mark.parametrize("workers", [1, 3])
+def test_rows_come_in_the_points_order_and_errors_are_rows(workers: int) -> None:
+    rows = evaluate_points(square, POINTS, scheduler=Threads(workers))
+    assert [row.index for row in rows] == list(range(40))
+    assert [row.values.get("y") for row in rows if not row.error] == [k**2 for k in range(40) if k not in (7, 8)]
+    assert rows[7].error == "ValueError: seven"
+    assert rows[8].error == "eight is not valid"
+    assert not rows[7].values
+
+
+def test_interrupted_evaluation_resumes_where_it_was(tmp_path: Path) -> None:
+    whole = evaluate_points(square, POINTS)
+    journal = tmp_path / "new" / "points.jsonl"
+
+    def interrupt(done: int, total: int) -> None:
+        if done == 15:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        evaluate_points(square, POINTS, journal=journal, report=interrupt)
+    with journal.open("ab") as cut:
+        cut.write(b'[39, {"y": 15')
+    with pytest.raises(InputError, match="15 of 40 points; continue with --resume"):
+        evaluate_points(square, POINTS, journal=journal)
+    with pytest.raises(InputError, match="another sweep"):
+        evaluate_points(square, POINTS, journal=journal, identity="other", resume=True)
+
+    evaluated: list[int] = []
+
+    def watched(point: Mapping[str, Any]) -> dict[str, Any]:
+        evaluated.append(point["x"])
+        return square(point)
+
+    rows = evaluate_points(watched, POINTS, journal=journal, resume=True)
+    assert same(rows, whole)
+    assert len(evaluated) == 25
+    again = evaluate_points(watched, POINTS, journal=journal, resume=True)
+    assert same(again, whole)
+    assert len(evaluated) == 25
+
+
+def test_interrupt_drops_points_that_have_not_begun() -> None:
+    begun: list[int] = []
+
+    def slow(point: Mapping[str, Any]) -> dict[str, Any]:
+        begun.append(point["x"])
+        time.sleep(0.01)
+        return {}
+
+    def interrupt(done: int, total: int) -> None:
+        if done == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        evaluate_points(slow, [{"x": k} for k in range(1000)], report=interrupt, scheduler="threads:2")
+    assert len(begun) <= 2 + 2 * 2
+
+
+def test_memory_gives_what_a_recording_gives(tmp_path: Path, file: Any) -> None:
+    file(GRID)
+    scenario = load_scenario(tmp_path / "push.toml")
+    result = run(scenario, out=tmp_path, rerun=False)
+    values = measure_in_memory(scenario)
+    assert values == {"status": result.status, "message": "", "peak": result["peak"], "torque": result["torque"]}
+    # Signal by signal and in a window that starts between two PLC cycles.
+    memory = Memory(scenario.checks)
+    for block in Bench(Parameters(), seed=scenario.seed).run(scenario):
+        memory.keep(block)
+    ours, theirs = (Window(s, 0.05013, 0.15, Parameters()) for s in (memory, result.recording()))
+    for name in ("/column.angle", "/feel.torque", "/drive.current", "/pilot.hand_force"):
+        assert len(ours[name]) > 200
+        np.testing.assert_array_equal(ours[name], theirs[name])
+    np.testing.assert_array_equal(ours.time, theirs.time)
+
+
+# --- the command -----------------------------------------------------------------------------------------------------
+
+
+def test_same_table_on_any_number_of_workers(file: Any, tmp_path: Path) -> None:
+    tables = []
+    for workers in (1, 2, 3):
+        out = tmp_path / str(workers)
+        result = call(file(GRID), "--out", out, "--scheduler", f"threads:{workers}")
+        assert result.exit_code == 0, result.output
+        tables.append((out / "table.parquet").read_bytes())
+        assert (out / "figure.png").stat().st_size > 10_000
+        assert (out / "figure.svg").is_file()
+    assert tables[0] == tables[1] == tables[2]
+    table = pq.read_table(tmp_path / "1" / "table.parquet")
+    assert table.column_names == ["point", "feel.inertia", "squeeze[0].value", "status", "peak", "torque", "message"]
+    assert table.schema.field("torque").metadata[b"unit"] == "N·m".encode()
+    assert len(set(table["torque"].to_pylist())) == 8  # every point is a run of its own
+    assert set(table["status"].to_pylist()) <= {"passed", "failed"}
+
+
+def test_failing_points_are_rows(file: Any, tmp_path: Path) -> None:
+    sweep = """
+title = "Some of it is impossible"
+scenario = "push.toml"
+collect = ["torque"]
+[[axes]]
+key = "limb.mass"
+kind = "list"
+values = [1.8, -1.0]
+[[axes]]
+key = "duration"
+kind = "list"
+values = [0.2, 0.1]
+[[checks]]
+name = "speed"
+metric = "maximum"
+signal = "/column.velocity"
+window = [0.0, 0.1]
+"""
+    result = call(file(sweep), "--out", tmp_path / "out", "--json")
+    assert result.exit_code == 0, result.output
+    found = json.loads(result.stdout)
+    assert found["statuses"] == {"error": 3, "passed": 1}
+    assert found["metrics"]["torque"]["missing"] == 3
+    table = pq.read_table(found["table"])
+    assert table["status"].to_pylist() == ["passed", "error", "error", "error"]
+    assert table["speed"].to_pylist()[1:] == [None, None, None]
+    assert table["speed"].to_pylist()[0] > 0.1
+    assert "window" in table["message"][1].as_py()
+    assert "limb.mass: -1.0 is not valid" in table["message"][2].as_py()
+
+
+def test_nothing_but_errors_is_an_error(file: Any, tmp_path: Path) -> None:
+    sweep = GRID.replace("from = 0.2", "from = -0.5").replace("to = 0.5", "to = -0.2")
+    result = call(file(sweep), "--out", tmp_path / "out")
+    assert result.exit_code == 2
+    assert "no point could be evaluated" in result.stderr
+    assert pq.read_table(tmp_path / "out" / "table.parquet").num_rows == 8
+
+
+def test_diverged_points_are_rows(file: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A mesh far too stiff for the step lets the numbers explode; the points around it are not touched."""
+    monkeypatch.chdir(tmp_path)
+    sweep = """
+title = "Mesh stiffness"
+scenario = "push.toml"
+[[axes]]
+key = "gearbox.stage1.stiffness"
+kind = "list"
+values = [4000.0, 1e9, 4200.0]
+"""
+    result = call(file(sweep), "--out", tmp_path / "out", "--json")
+    assert result.exit_code == 0, result.output
+    table = pq.read_table(tmp_path / "out" / "table.parquet")
+    assert [status == "diverged" for status in table["status"].to_pylist()] == [False, True, False]
+    assert "diverged at t = 0." in table["message"][1].as_py()
+    assert table["peak"][0].as_py() > 0.01
+
+
+def test_ctrl_c_keeps_what_is_done(file: Any, tmp_path: Path) -> None:
+    path = file(GRID.replace("count = 4", "count = 40"))
+    whole = call(path, "--out", tmp_path / "whole")
+    assert whole.exit_code == 0, whole.output
+    out = tmp_path / "out"
+    command = [sys.executable, "-c", "from cls_bench.cli import main; main()", "sweep", str(path), "--out", str(out)]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, cwd=ROOT)
+    wait_for(lambda: (out / "points.jsonl").exists() and lines(out) > 5, process)
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=30)
+    assert process.returncode == 130, said
+    assert "continue with --resume" in said
+    assert "Traceback" not in said
+    done = lines(out)
+    assert 5 < done < 80
+    assert not (out / "table.parquet").exists()
+    refused = call(path, "--out", out)
+    assert refused.exit_code == 2
+    assert f"has {done} of 80 points" in refused.stderr
+    resumed = call(path, "--out", out, "--resume")
+    assert resumed.exit_code == 0, resumed.output
+    assert (out / "table.parquet").read_bytes() == (tmp_path / "whole" / "table.parquet").read_bytes()
+
+
+def lines(out: Path) -> int:
+    """Rows in the journal."""
+    return (out / "points.jsonl").read_bytes().count(b"\n") - 1
+
+
+def wait_for(condition: Callable[[], bool], *processes: subprocess.Popen[Any], timeout: float = 60.0) -> None:
+    """Until ``condition`` holds while the processes run."""
+    end = time.monotonic() + timeout
+    while not condition():
+        assert time.monotonic() < end, "waited in vain"
+        for process in processes:
+            assert process.poll() is None, f"{process.args} ended with {process.returncode}"
+        time.sleep(0.01)
+
+
+# --- Dask ------------------------------------------------------------------------------------------------------------
+
+
+class Cluster:
+    """A real scheduler and its workers, each a process of its own."""
+
+    def __init__(self, folder: Path):
+        self.folder = folder
+        self.contact = folder / "scheduler.json"
+        self.scheduler = self._start("scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard")
+        wait_for(self.contact.exists, self.scheduler)
+        self.workers = [self._worker() for _ in range(2)]
+
+    @property
+    def address(self) -> str:
+        return str(json.loads(self.contact.read_text())["address"])
+
+    def _worker(self) -> subprocess.Popen[bytes]:
+        return self._start("worker", "--nthreads", "1", "--no-nanny", "--no-dashboard")
+
+    def _start(self, kind: str, *options: str) -> subprocess.Popen[bytes]:
+        command = [sys.executable, "-m", "dask", kind, "--scheduler-file", str(self.contact), *options]
+        environment = os.environ | {"PYTHONPATH": str(ROOT)}
+        with (self.folder / "dask.log").open("ab") as log:
+            return subprocess.Popen(command, stdout=log, stderr=log, cwd=self.folder, env=environment)
+
+    def close(self) -> None:
+        for process in (*self.workers, self.scheduler):
+            process.kill()
+            process.wait()
+
+
+@pytest.fixture
+def cluster(tmp_path: Path) -> Iterator[Cluster]:
+    started = Cluster(tmp_path)
+    yield started
+    started.close()
+
+
+def test_killed_worker_loses_and_doubles_nothing(file: Any, tmp_path: Path, cluster: Cluster) -> None:
+    path = file(GRID.replace("count = 4", "count = 40"))
+    threads = call(path, "--out", tmp_path / "threads")
+    assert threads.exit_code == 0, threads.output
+    out = tmp_path / "dask"
+    command = [sys.executable, "-c", "from cls_bench.cli import main; main()", "sweep", str(path), "--out", str(out)]
+    process = subprocess.Popen([*command, "--scheduler", cluster.address], stderr=subprocess.PIPE, text=True, cwd=ROOT)
+    wait_for(lambda: (out / "points.jsonl").exists() and lines(out) > 15, process, *cluster.workers)
+    cluster.workers[0].kill()
+    _, said = process.communicate(timeout=60)
+    assert process.returncode == 0, said
+    numbers = [json.loads(line)[0] for line in (out / "points.jsonl").read_bytes().splitlines()[1:]]
+    assert sorted(numbers) == list(range(80))
+    assert (out / "table.parquet").read_bytes() == (tmp_path / "threads" / "table.parquet").read_bytes()
+
+
+def test_local_cluster_gives_the_same_rows() -> None:
+    rows = evaluate_points(square, POINTS, scheduler="local-cluster:2")
+    assert same(rows, evaluate_points(square, POINTS))
+
+
+def test_no_scheduler_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cls_bench.sweep.engine.CONNECT_S", 0.5)
+    with pytest.raises(InputError, match="no scheduler answers"):
+        evaluate_points(square, POINTS, scheduler="tcp://127.0.0.1:1")
+
+
+def test_lost_scheduler_is_one_line_and_keeps_the_rows(cluster: Cluster, tmp_path: Path) -> None:
+    journal = tmp_path / "points.jsonl"
+
+    def stop(done: int, total: int) -> None:
+        if done == 10:
+            cluster.scheduler.kill()
+
+    with pytest.raises(Exception, match="scheduler was lost"):
+        evaluate_points(
+            square, [{"x": 9 + k} for k in range(2000)], journal=journal, scheduler=cluster.address, report=stop
+        )
+    assert lines(tmp_path) >= 10
+
+
+def test_worker_with_other_sources_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cls_bench.sweep.engine.sources", lambda: "other")
+    with pytest.raises(InputError, match="other sources"):
+        evaluate_points(square, POINTS, scheduler="local-cluster:1")
+
+
+def test_schedulers_by_name() -> None:
+    assert make_engine("threads:3") == Threads(3)
+    assert make_engine("local-cluster:2") == Dask(workers=2)
+    assert make_engine("tcp://host:8786") == Dask(address="tcp://host:8786")
