@@ -12,6 +12,7 @@ import warnings
 import zlib
 from collections.abc import Sequence
 from dataclasses import replace
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import numpy as np
@@ -72,14 +73,16 @@ def make_blocks(lengths: Sequence[int] = (4000, 1, 7, 1203, 0, 2789, 333)) -> li
     return blocks
 
 
-def record(path: Path, blocks: Sequence[Block], info: RunInfo = INFO, status: str | None = "passed") -> Path:
+def record(
+    path: Path, blocks: Sequence[Block], info: RunInfo = INFO, status: str | None = "passed", wall_end: str = ""
+) -> Path:
     recorder = McapRecorder(path, info)
     for block in blocks:
         recorder.write(block)
     if status is None:
         recorder.close()
     else:
-        recorder.finish(status)
+        recorder.finish(status, wall_end)
     return path
 
 
@@ -367,7 +370,9 @@ def test_recorder_writes_what_the_mcap_recorder_writes(tmp_path: Path) -> None:
     recorder.finish("passed")
     recorder.finish("passed")
     assert recorder.mcap_path == tmp_path / "new" / "run.v2.mcap" and recorder.rrd_path is None
-    assert recorder.mcap_path.read_bytes() == record(tmp_path / "ref.mcap", blocks).read_bytes()
+    end = Recording(recorder.mcap_path).wall_end
+    assert abs(datetime.now(UTC) - datetime.fromisoformat(end)) < timedelta(minutes=1)
+    assert recorder.mcap_path.read_bytes() == record(tmp_path / "ref.mcap", blocks, wall_end=end).read_bytes()
     assert list(recorder.mcap_path.parent.iterdir()) == [recorder.mcap_path]
 
 

@@ -31,6 +31,7 @@ from cls_bench.recording.mcap_writer import (
     SCENARIO_ATTACHMENT,
     SCENE_TOPIC,
     TRANSFORMS_TOPIC,
+    WALL_CLOCK_END_METADATA,
     WALL_CLOCK_METADATA,
 )
 from cls_bench.recording.run_info import RunInfo
@@ -148,6 +149,11 @@ class Recording:
     def wall_start(self) -> str:
         """Wall-clock time of the start, ISO 8601; empty if the file was cut before it."""
         return self._metadata.get(WALL_CLOCK_METADATA, {}).get("start", "")
+
+    @property
+    def wall_end(self) -> str:
+        """Wall-clock time of the end, ISO 8601; empty if the run was killed."""
+        return self._metadata.get(WALL_CLOCK_END_METADATA, {}).get("end", "")
 
     @property
     def status(self) -> str:

@@ -2,7 +2,8 @@
 
 The mcap library writes a Python object per message, which takes longer than simulating it. So the samples' Message
 records come from numpy (:mod:`cls_bench.recording.layout`), a chunk for each block; all else is made of the library's
-own record classes. The same run gives the same bytes, but for the metadata record ``wall_clock``.
+own record classes. The same run gives the same bytes, but for the metadata records with the wall
+clock.
 """
 
 import itertools
@@ -52,6 +53,9 @@ RUN_METADATA = "run"
 
 WALL_CLOCK_METADATA = "wall_clock"
 """Metadata record with all that differs between equal runs."""
+
+WALL_CLOCK_END_METADATA = "wall_clock_end"
+"""Metadata record with the wall-clock time of the end."""
 
 RESULT_METADATA = "result"
 """Closing metadata record; missing if the run was killed."""
@@ -133,9 +137,14 @@ class McapRecorder:
             )
         )
 
-    def finish(self, status: str) -> None:
-        """Write ``status``, the summary and the footer, and close the file. Raises :class:`OSError`."""
+    def finish(self, status: str, wall_end: str = "") -> None:
+        """Write ``status``, the summary and the footer, and close the file. Raises :class:`OSError`.
+
+        ``wall_end`` is the wall-clock time, ISO 8601; recorded if given.
+        """
         try:
+            if wall_end:
+                self._write_metadata(WALL_CLOCK_END_METADATA, {"end": wall_end})
             self._write_metadata(RESULT_METADATA, {"status": status})
             self._write_records(DataEnd(data_section_crc=0))
             self._write(self._summary(self._offset))

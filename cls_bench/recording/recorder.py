@@ -1,6 +1,7 @@
 """Records a run in MCAP and Rerun side by side, in the background."""
 
 import contextlib
+import datetime as dt
 import queue
 import threading
 from collections.abc import Iterator
@@ -109,7 +110,9 @@ class Recorder:
         for path, writer in tuple(self._writers):
             try:
                 with _naming(path):
-                    if isinstance(item, str):
+                    if isinstance(item, str) and isinstance(writer, McapRecorder):
+                        writer.finish(item, wall_end=now())
+                    elif isinstance(item, str):
                         writer.finish(item)
                     else:
                         writer.write(item)
@@ -117,6 +120,11 @@ class Recorder:
                 self._error = self._error or error
                 self._writers.remove((path, writer))
                 writer.close()
+
+
+def now() -> str:
+    """Wall-clock time, ISO 8601, always of the same length."""
+    return dt.datetime.now(dt.UTC).isoformat(timespec="milliseconds")
 
 
 @contextlib.contextmanager

@@ -9,9 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from cls_bench.parameters import DEG
+from cls_bench.analysis import free_response, metrics
+from cls_bench.parameters import DEG, Gearbox
 from cls_bench.report.recorded_run import RecordedRun, Span
-from cls_bench.report.style import COLOR, legend, new_figure, thin, thin_path
+from cls_bench.report.style import COLOR, legend, new_figure, new_pair, thin, thin_path
 
 Array = NDArray[np.float64]
 
@@ -29,12 +30,14 @@ class Picture:
     caption: str
     """one or two sentences: what is drawn, and what to look at"""
     figure: Figure
+    table: tuple[tuple[str, ...], ...] = ()
+    """numbers that belong to it, the header first"""
 
 
 def pictures(run: RecordedRun) -> Iterator[Picture]:
     """The figures of ``run``: those that belong to its checks, then the overview of the whole run."""
-    for metrics, draw in _FIGURES:
-        spans = run.spans(*metrics)
+    for names, signal, draw in _FIGURES:
+        spans = run.spans(*names, signal=signal)
         if spans:
             yield from draw(run, spans)
     yield overview(run)
@@ -48,10 +51,9 @@ def friction(run: RecordedRun, spans: Sequence[Span]) -> Iterator[Picture]:
     figure, (ax,) = new_figure()
     limit = BREAKOUT_LIMIT * run.scenario.parameters_at_start().column.grip_height
     ax.axhspan(-limit, limit, color=COLOR["band"], zorder=0, label="Part 60 breakout tolerance, ±0.9 daN at the grip")
-    looks = {"off": (COLOR["power_off"], "drive power off"), "on": (COLOR["measured"], "drive on, feel model running")}
     for span in spans:
         window = run.window(span)
-        color, label = looks.get(run.power_in(span), (COLOR["muted"], f"{span.start:g} to {span.end:g} s"))
+        color, label = _power_look(run, span)
         x, y = thin_path(window["/column.angle"] / DEG, window["/load_cell.torque"])
         ax.plot(x, y, color=color, label=label)
     _torque_axes(ax, run)
@@ -64,6 +66,12 @@ def friction(run: RecordedRun, spans: Sequence[Span]) -> Iterator[Picture]:
         "as twice the friction that the hand has to overcome.",
         figure,
     )
+
+
+def _power_look(run: RecordedRun, span: Span) -> tuple[str, str]:
+    """Colour and label of a curve, by the drive's power."""
+    looks = {"off": (COLOR["power_off"], "drive power off"), "on": (COLOR["measured"], "drive on, feel model running")}
+    return looks.get(run.power_in(span), (COLOR["muted"], f"{span.start:g} to {span.end:g} s"))
 
 
 def _torque_axes(ax: Axes, run: RecordedRun) -> None:
@@ -81,6 +89,255 @@ def _torque_axes(ax: Axes, run: RecordedRun) -> None:
 def _room_above(ax: Axes, share: float) -> None:
     low, high = ax.get_ylim()
     ax.set_ylim(low, high + share * (high - low))
+
+
+# --- feel model: static sweep and free response ----------------------------------------------------------------------
+
+
+def static(run: RecordedRun, spans: Sequence[Span]) -> Iterator[Picture]:
+    """Thesis figures 4.2 to 4.4, left: torque over displacement in a slow sweep, with what the feel model asks for."""
+    for k, span in enumerate(spans, start=1):
+        w = run.window(span)
+        figure, (ax, error) = new_pair(height=6.2, shares=(3, 1.2))
+        angle, model, torque = w["/column.angle"] / DEG, w["/feel.angle"] / DEG, w["/load_cell.torque"]
+        ax.plot(*thin_path(angle, torque), color=COLOR["measured"], label="column (measured)")
+        ax.plot(*thin_path(model, torque), color=COLOR["model"], ls=(0, (4, 3)), label="feel model (set)")
+        feel = w.parameters.feel
+        at = np.linspace(float(model.min()), float(model.max()), 801)
+        spring = np.array([free_response.spring_torque(feel, float(x) * DEG) for x in at])
+        for sign, label in ((1.0, "expected at standstill: springs ± friction"), (-1.0, "_")):
+            ax.plot(at, spring + sign * feel.friction, color=COLOR["expected"], lw=1.0, ls=":", label=label)
+        _torque_axes(ax, run)
+        ax.set_xlabel("")
+        legend(ax, place="upper left")
+        error.plot(*thin_path(angle, angle - model), color=COLOR["error"], lw=1.0)
+        error.set_ylabel("column − model [°]")
+        error.set_xlabel("column angle φ [°]")
+        error.sharex(ax)
+        figure.align_ylabels()
+        yield Picture(
+            f"static_{k}" if len(spans) > 1 else "static",
+            "Static sweep: torque over displacement",
+            "The hand moves the column slowly over its travel. The loop's width is twice the friction, its slopes are "
+            "the springs, its ends the travel limits; the dotted lines follow from the parameters alone, without the "
+            "damping that a slow motion still feels.",
+            figure,
+        )
+
+
+def released(run: RecordedRun, spans: Sequence[Span]) -> Iterator[Picture]:
+    """Thesis figures 4.2 to 4.4, right: the free response, with an independent solution of the equation of motion."""
+    for k, span in enumerate(spans, start=1):
+        w = run.window(span)
+        time, angle = w.time - w.time[0], w["/column.angle"]
+        expected = free_response.expected_response(w.parameters, float(angle[0]), time)
+        figure, (ax, error) = new_figure(2, height=5.2, shares=(3, 1.3))
+        ax.plot(*thin(time, angle / DEG), color=COLOR["measured"], label="column (measured)")
+        ax.plot(*thin(time, w["/feel.angle"] / DEG), color=COLOR["model"], ls=(0, (4, 3)), label="feel model (set)")
+        ax.plot(*thin(time, expected / DEG), color=COLOR["expected"], ls=":", label="expected: independent solution")
+        ax.set_ylabel("angle φ [°]")
+        legend(ax, place="upper right" if angle[0] > 0 else "lower right")
+        error.plot(*thin(time, (angle - w["/feel.angle"]) / DEG), color=COLOR["error"], label="column − model")
+        error.plot(*thin(time, (angle - expected) / DEG), color=COLOR["expected"], ls=":", label="column − expected")
+        error.set_ylabel("difference [°]")
+        error.set_xlabel("time since release [s]")
+        legend(error, columns=2, place="upper right")
+        _room_above(error, 0.35)
+        figure.align_ylabels()
+        items = free_response.part60(time, angle, expected)
+        rows = [
+            (i.name, f"{i.measured:.4g}", f"{i.expected:.4g}", f"± {i.tolerance:.3g}", f"{i.share:.0%}") for i in items
+        ]
+        start = float(angle[0]) / DEG
+        yield Picture(
+            f"free_response_{k}",
+            f"Free response from {start:+.1f}°",
+            "The hand lets go and the column moves freely. Part 60 judges the quantities below: times [s], the "
+            "overshoots and the residual as parts of the amplitude.",
+            figure,
+            (("quantity", "measured", "expected", "tolerance", "used"), *rows),
+        )
+
+
+# --- tracking --------------------------------------------------------------------------------------------------------
+
+PERIODS = 4
+"""Periods of a fast motion that are drawn."""
+
+
+def tracking(run: RecordedRun, spans: Sequence[Span]) -> Iterator[Picture]:
+    """Thesis figure 4.5: the column against the feel model in a fast motion, and the error."""
+    for k, span in enumerate(spans, start=1):
+        w = run.window(span)
+        frequency = next(
+            c.arguments["frequency"]
+            for c in run.scenario.checks
+            if Span(*c.window) == span and "frequency" in c.arguments
+        )
+        rows = slice(0, min(len(w.time), int(PERIODS / frequency * w.rate)))
+        lag = 1e-3 * metrics.tracking_lag_ms(w)
+        time, angle, model = w.time[rows], w["/column.angle"][rows] / DEG, w["/feel.angle"] / DEG
+        late = np.interp(time - lag, w.time, model)
+        figure, (ax, error) = new_figure(2, height=5.2, shares=(3, 2))
+        ax.plot(*thin(time, model[rows]), color=COLOR["model"], label="feel model (set)")
+        ax.plot(*thin(time, angle), color=COLOR["measured"], ls=(0, (4, 3)), label="column (measured)")
+        ax.set_ylabel("angle φ [°]")
+        legend(ax, columns=2, place="upper right")
+        _room_above(ax, 0.15)
+        error.plot(*thin(time, angle - model[rows]), color=COLOR["error"], label="column − model")
+        settled = time > time[0] + lag
+        left = thin(time[settled], (angle - late)[settled])
+        error.plot(*left, color=COLOR["expected"], ls=":", label=f"less the lag of {1e3 * lag:.1f} ms")
+        error.set_ylabel("error [°]")
+        error.set_xlabel("time [s]")
+        legend(error, columns=2, place="upper right")
+        _room_above(error, 0.3)
+        figure.align_ylabels()
+        yield Picture(
+            f"tracking_{k}" if len(spans) > 1 else "tracking",
+            f"Tracking of a motion of {frequency:g} Hz",
+            "The column follows the feel model while the hand moves it fast. Nearly all of the error is the time by "
+            "which the column is late.",
+            figure,
+        )
+
+
+# --- squeezing -------------------------------------------------------------------------------------------------------
+
+CLOSE_UP = 0.25
+"""Length of the close-up of an oscillation [s]."""
+
+
+def squeezing(run: RecordedRun, spans: Sequence[Span]) -> Iterator[Picture]:
+    """Thesis figures 4.6 and 4.7: angle and torque while the grip tightens, and a close-up of what follows."""
+    whole = Span(max(spans[0].start - 0.5, 0.0), min(max(span.end for span in spans), run.duration))
+    end = whole.end
+    yield _shaking(run, whole, "squeezing", "Angle and torque while the grip tightens", (
+        "The hand moves the column gently and then squeezes it: its mass, now firmly on the column, takes the outer "
+        "loop's stability margin."
+    ))  # fmt: skip
+    yield _shaking(run, Span(end - CLOSE_UP, end), "squeezing_close", "Close-up of the last quarter of a second", (
+        "The same signals magnified: column against feel model, load cell against pilot."
+    ))  # fmt: skip
+
+
+def _shaking(run: RecordedRun, span: Span, name: str, title: str, caption: str) -> Picture:
+    w = run.window(span)
+    figure, (angle, torque, squeeze) = new_figure(3, height=5.8, shares=(3, 3, 1))
+    angle.plot(*thin(w.time, w["/feel.angle"] / DEG), color=COLOR["model"], label="feel model (set)")
+    angle.plot(*thin(w.time, w["/column.angle"] / DEG), color=COLOR["measured"], label="column (measured)")
+    angle.set_ylabel("angle φ [°]")
+    torque.plot(*thin(w.time, w["/column.torque"]), color=COLOR["pilot"], label="pilot on the column")
+    torque.plot(*thin(w.time, w["/load_cell.torque"]), color=COLOR["measured"], label="load cell T_meas")
+    torque.set_ylabel("torque [N·m]")
+    squeeze.plot(*thin(w.time, np.maximum(w["/pilot.squeeze"], 0.0)), color=COLOR["pilot"])
+    squeeze.set_ylim(-0.1, 1.1)
+    squeeze.set_yticks([0.0, 1.0], ["loose", "tight"])
+    squeeze.set_xlabel("time [s]")
+    for ax in (angle, torque):
+        legend(ax, columns=2, place="upper right")
+        _room_above(ax, 0.22)
+    figure.align_ylabels()
+    return Picture(name, title, caption, figure)
+
+
+# --- gearbox imperfections -------------------------------------------------------------------------------------------
+
+HIGHEST_ORDER = 36.0
+"""Orders that are drawn [cycles per motor revolution]."""
+
+
+def evenness(run: RecordedRun, spans: Sequence[Span]) -> Iterator[Picture]:
+    """How evenly the column moves under the hand: its velocity over its angle."""
+    figure, axes = new_figure(len(spans), height=1.2 + 2.0 * len(spans))
+    for ax, span in zip(axes, spans, strict=True):
+        w = run.window(span)
+        color, label = _power_look(run, span)
+        ax.plot(*thin_path(w["/column.angle"] / DEG, w["/column.velocity"] / DEG), color=color, lw=1.0, label=label)
+        ax.set_ylabel("velocity [°/s]")
+        legend(ax, place="upper left")
+        _room_above(ax, 0.25)
+    axes[-1].set_xlabel("column angle φ [°]")
+    figure.align_ylabels()
+    yield Picture(
+        "evenness",
+        "How evenly the column moves",
+        "Velocity over the angle of the column while the hand moves it steadily. Meshing gears and friction make it "
+        "jerk; a smooth curve is what a hand expects.",
+        figure,
+    )
+
+
+def imperfections(run: RecordedRun, spans: Sequence[Span]) -> Iterator[Picture]:
+    """Thesis 4.5: the tracking error that the gearbox leaves, over the column's angle and by its orders."""
+    for k, span in enumerate(spans, start=1):
+        suffix = f"_{k}" if len(spans) > 1 else ""
+        w = run.window(span)
+        sweeps = _sweeps(w["/column.angle"])
+        figure, (ax, spectrum) = new_pair(height=6.2, shares=(1, 1))
+        orders = np.arange(0.0, HIGHEST_ORDER, 0.05)
+        power = np.zeros_like(orders)
+        for sweep, color, label in zip(sweeps, ("measured", "model"), ("forward", "backward"), strict=True):
+            if sweep is None:
+                continue
+            angle = w["/column.angle"][sweep]
+            error = (angle - w["/feel.angle"][sweep]) / DEG * 60.0
+            ax.plot(*thin_path(angle / DEG, error), color=COLOR[color], lw=1.0, label=label)
+            power += _order_amplitudes(w["/drive.position"][sweep], error, orders) ** 2
+        ax.set_ylabel("column − model [arcmin]")
+        ax.set_xlabel("column angle φ [°]")
+        legend(ax, columns=2, place="upper right")
+        _room_above(ax, 0.15)
+        count = sum(sweep is not None for sweep in sweeps)
+        spectrum.plot(orders, np.sqrt(power / max(count, 1)), color=COLOR["error"])
+        _mark_orders(spectrum, w.parameters.gearbox)
+        spectrum.set_xlim(0.0, HIGHEST_ORDER)
+        spectrum.set_ylim(bottom=0.0)
+        spectrum.set_ylabel("amplitude [arcmin]")
+        spectrum.set_xlabel("order [cycles per motor revolution]")
+        figure.align_ylabels()
+        yield Picture(
+            f"imperfections{suffix}",
+            "What the gearbox leaves: tracking error and its orders",
+            "Above, the error of the column over its angle while the hand moves it against the feel model's springs; "
+            "below, its order spectrum. Lines at the stages' mesh orders come from the teeth passing each other; what "
+            "is broad comes from friction.",
+            figure,
+        )
+
+
+def _sweeps(angle: Array) -> tuple[slice | None, slice | None]:
+    """Rows of the forward and of the backward sweep in a motion that turns round once; None where there is none."""
+    turn = int(np.argmax(angle))
+    least = len(angle) // 10
+    forward = slice(int(np.argmin(angle[: turn + 1])), turn) if turn > least else None
+    backward = slice(turn, turn + int(np.argmin(angle[turn:]))) if len(angle) - turn > least else None
+    return forward, backward
+
+
+def _order_amplitudes(motor_angle: Array, error: Array, orders: Array) -> Array:
+    """Amplitude of ``error`` at ``orders`` [1/rev] of the motor: Fourier integral over its angle, Hann window."""
+    way = np.sign(motor_angle[-1] - motor_angle[0])
+    turns = np.maximum.accumulate(way * motor_angle) / (2.0 * np.pi)
+    grid = np.linspace(turns[0], turns[-1], max(int((turns[-1] - turns[0]) * 4.0 * HIGHEST_ORDER), 16))
+    rising = np.append(True, np.diff(turns) > 0.0)
+    even = np.interp(grid, turns[rising], error[rising])
+    x = np.linspace(-1.0, 1.0, len(grid))
+    even -= np.polynomial.Polynomial.fit(x, even, 3)(x)  # the slow part, which is no order
+    weight = np.hanning(len(grid))
+    waves = np.exp(-2j * np.pi * np.outer(orders, grid - grid[0]))
+    return np.asarray(2.0 * np.abs(waves @ (weight * even)) / weight.sum())
+
+
+def _mark_orders(ax: Axes, box: Gearbox) -> None:
+    """Lines at the mesh orders: the sun's rotation relative to its carrier passes its teeth."""
+    first = box.stage1.sun_teeth * (1.0 - 1.0 / box.ratio)
+    second = box.stage2.sun_teeth * (1.0 - 1.0 / box.ratio) / box.ratio
+    for order, label in ((second, "stage 2"), (2 * second, "2×"), (first, "stage 1"), (2 * first, "2×")):
+        ax.axvline(order, color=COLOR["muted"], lw=0.9, ls=(0, (2, 2)))
+        ax.annotate(
+            f" {label}", (order, 0.98), xycoords=("data", "axes fraction"), va="top", fontsize=9, color=COLOR["ink"]
+        )
 
 
 # --- overview --------------------------------------------------------------------------------------------------------
@@ -137,7 +394,15 @@ def _steps(time: Array, level: Array) -> tuple[Array, Array]:
     return x, y
 
 
-_FIGURES: tuple[tuple[tuple[str, ...], Callable[[RecordedRun, Sequence[Span]], Iterator[Picture]]], ...] = (
-    (("breakout_torque",), friction),
+Draw = Callable[[RecordedRun, Sequence[Span]], Iterator[Picture]]
+
+_FIGURES: tuple[tuple[tuple[str, ...], str | None, Draw], ...] = (
+    (("breakout_torque",), None, friction),
+    (("hysteresis",), None, static),
+    (("part60_tolerance_used",), None, released),
+    (("tracking_amplitude_ratio", "tracking_phase_lag_ms"), None, tracking),
+    (("oscillation_amplitude_deg", "oscillation_frequency_hz"), None, squeezing),
+    (("tracking_ripple_deg",), None, imperfections),
+    (("ripple",), "/column.velocity", evenness),
 )
-"""Metrics and the figure that shows what they measure."""
+"""Metrics, the signal they are taken of if that matters, and the figure that shows what they measure."""

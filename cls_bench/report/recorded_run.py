@@ -93,9 +93,15 @@ class RecordedRun:
         """The whole run."""
         return self.window(Span(0.0, self.duration))
 
-    def spans(self, *metrics: str) -> list[Span]:
-        """Windows of the checks that measure one of ``metrics``, in order of time, as far as they were recorded."""
-        found = {Span(*check.window) for check in self.scenario.checks if check.metric in metrics}
+    def spans(self, *metrics: str, signal: str | None = None) -> list[Span]:
+        """Windows of the checks that measure one of ``metrics``, in order of time, as far as they were recorded.
+
+        With ``signal``, only of those that measure it.
+        """
+        found = {
+            Span(*check.window) for check in self.scenario.checks
+            if check.metric in metrics and signal in (None, check.signal)
+        }  # fmt: skip
         return sorted(span for span in found if span.start < self.duration)
 
     @cached_property

@@ -97,11 +97,11 @@ def new_figure(
     return figure, list(axes)
 
 
-def new_pair(*, height: float = HEIGHT) -> tuple[Figure, list[Axes]]:
+def new_pair(*, height: float = HEIGHT, shares: tuple[float, float] = (1, 1)) -> tuple[Figure, list[Axes]]:
     """A figure with two independent plots above each other."""
     with mpl.rc_context(_RC):
         figure = Figure(figsize=(WIDTH, height), layout="constrained")
-        axes = figure.subplots(2, 1, squeeze=False)[:, 0]
+        axes = figure.subplots(2, 1, squeeze=False, gridspec_kw={"height_ratios": shares})[:, 0]
     return figure, list(axes)
 
 
