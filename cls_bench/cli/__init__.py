@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from cls_bench.cli import basics
+from cls_bench.cli import basics, report
 from cls_bench.cli.sweep import sweep
 from cls_bench.cli.view import view
 from cls_bench.errors import BenchError
@@ -46,3 +46,4 @@ for _command in (basics.run, basics.list_, basics.validate, basics.schema):
     main.add_command(_command)
 main.add_command(sweep)
 main.add_command(view)
+main.add_command(report.report)

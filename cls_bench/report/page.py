@@ -1,0 +1,209 @@
+"""Reports as self-contained HTML pages: nothing in them comes from the network."""
+
+import datetime as dt
+import math
+import shlex
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import jinja2
+from markupsafe import Markup
+
+from cls_bench.errors import OutputError
+from cls_bench.experiment import CheckResult
+from cls_bench.report import style
+from cls_bench.report.figures import Picture, pictures
+from cls_bench.report.recorded_run import RecordedRun
+from cls_bench.resources import shipped_scenarios
+
+Rows = Sequence[Sequence[str]]
+
+
+@dataclass(frozen=True)
+class Section:
+    """A heading with text and a table, the table's header first."""
+
+    title: str
+    text: str = ""
+    rows: Rows = ()
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A picture as the page takes it."""
+
+    title: str
+    caption: str
+    svg: Markup
+    table: Rows
+    files: Sequence[tuple[str, str]]
+
+
+def write_report(runs: Sequence[RecordedRun], folder: Path) -> Path:
+    """Write one page about all of ``runs`` into ``folder``, and its figures beside it; returns the page's path.
+
+    Raises OutputError if it cannot be written.
+    """
+    name = runs[0].path.stem if len(runs) == 1 else "report"
+    page = folder / f"{name}.html"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        shown = [_run(run, folder, number if len(runs) > 1 else 0) for number, run in enumerate(runs, start=1)]
+        page.write_text(_render("report.html", runs=shown), encoding="utf-8")
+    except OSError as error:
+        raise OutputError(f"cannot write {error.filename or page}: {error.strerror}") from None
+    return page
+
+
+def write_gallery(runs: Sequence[RecordedRun], folder: Path) -> Path:
+    """Write a page that shows all of ``runs`` and links to a report of each; returns its path. Raises OutputError."""
+    page = folder / "index.html"
+    cards = []
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for run in runs:
+            shown = _run(run, folder, 0)
+            report = folder / f"{run.name}.html"
+            report.write_text(_render("report.html", runs=[shown]), encoding="utf-8")
+            first = next(pictures(run))
+            card = Shown(first.title, first.caption, _inline(first, f"gallery_{run.name}"), (), ())
+            cards.append({**shown, "name": run.name, "page": report.name, "picture": card})
+        page.write_text(_render("gallery.html", runs=cards), encoding="utf-8")
+    except OSError as error:
+        raise OutputError(f"cannot write {error.filename or page}: {error.strerror}") from None
+    return page
+
+
+@cache
+def _templates() -> jinja2.Environment:
+    return jinja2.Environment(
+        loader=jinja2.PackageLoader("cls_bench.report"), autoescape=jinja2.select_autoescape(("html",)),
+        undefined=jinja2.StrictUndefined, trim_blocks=True,
+    )  # fmt: skip
+
+
+def _render(template: str, **values: Any) -> str:
+    def variables(dark: bool) -> Markup:
+        return Markup(
+            " ".join(f"--{name}: {shade.dark if dark else shade.light};" for name, shade in style.SHADES.items())
+        )
+
+    css = Markup(_templates().get_template("style.css").render(light=variables(False), dark=variables(True)))
+    return _templates().get_template(template).render(style=css, version=version("cls-bench"), **values)
+
+
+def _run(run: RecordedRun, folder: Path, number: int) -> dict[str, Any]:
+    """All that a page says of a run; its figures are written below ``folder``."""
+    stem = run.path.stem
+    figures = folder / f"{stem}_figures"
+    figures.mkdir(exist_ok=True)
+    shown = []
+    for picture in pictures(run):
+        files = [
+            (path.suffix[1:].upper(), f"{figures.name}/{path.name}")
+            for path in style.save(picture.figure, figures / picture.name)
+        ]
+        svg = _inline(picture, f"{picture.name}_{number}")
+        shown.append(Shown(picture.title, picture.caption, svg, picture.table, files))
+    recording, scenario = run.recording, run.scenario
+    return {
+        "anchor": f"run{number}", "title": scenario.title, "verdict": run.verdict,
+        "description": " ".join(scenario.description.split()), "facts": _facts(run),
+        "warning": f"The file was cut short: it ends at {run.duration:g} s." if recording.truncated else "",
+        "checks": [_check(result) for result in run.checks], "pictures": shown, "sections": list(_sections(run)),
+        "command": _command(run), "scenario": scenario.source.decode(),
+    }  # fmt: skip
+
+
+def _inline(picture: Picture, name: str) -> Markup:
+    svg = style.svg(picture.figure, name)
+    label = Markup.escape(picture.title)
+    return Markup(svg.replace("<svg", f'<svg role="img" aria-label="{label}"', 1))
+
+
+def _facts(run: RecordedRun) -> str:
+    facts = [f"{run.duration:g} s of {run.scenario.duration:g} s"]
+    start = run.recording.wall_start
+    if start:
+        facts.append(f"recorded {dt.datetime.fromisoformat(start):%-d %B %Y, %H:%M} UTC")
+    facts += [f"seed {run.scenario.seed}", run.path.name]
+    return " · ".join(facts)
+
+
+def number(value: float) -> str:
+    """Four significant digits; a dash where there is none."""
+    return f"{value:.4g}".replace("-", "−") if math.isfinite(value) else "–"
+
+
+def _check(result: CheckResult) -> dict[str, str]:
+    check = result.check
+    limits = " and ".join(f"{sign} {number(x)}" for sign, x in (("≥", check.min), ("≤", check.max)) if x is not None)
+    metric = check.metric + (f" of {check.signal}" if check.signal else "")
+    arguments = ", ".join(f"{name} = {value:g}" for name, value in check.arguments.items())
+    return {
+        "name": check.name, "metric": metric + (f" ({arguments})" if arguments else ""), "value": number(result.value),
+        "unit": "" if result.unit == "1" else result.unit, "limits": limits,
+        "window": f"{check.window[0]:g} to {check.window[1]:g}",
+        "verdict": "" if not result.judged else "passed" if result.passed else "failed",
+    }  # fmt: skip
+
+
+def _sections(run: RecordedRun) -> list[Section]:
+    return [section for section in (_parameters(run), _changes(run), _events(run), _timing(run)) if section]
+
+
+def _parameters(run: RecordedRun) -> Section:
+    changed = run.changed_parameters
+    if not changed:
+        return Section("Parameters", "All parameters have their default values.")
+    header = ("parameter", "value", "default", "unit", "meaning")
+    rows = [(c.key, f"{c.value}", f"{c.default}", c.unit, c.meaning) for c in changed]
+    return Section("Parameters that differ from the defaults", "", (header, *rows))
+
+
+def _changes(run: RecordedRun) -> Section | None:
+    live = [change for change in run.scenario.changes if change.parameters]
+    rows = [(f"{change.at:g}", key, str(value)) for change in live for key, value in change.parameters.items()]
+    return (
+        Section("Parameters that change during the run", "", (("time [s]", "parameter", "value"), *rows))
+        if rows
+        else None
+    )
+
+
+def _events(run: RecordedRun) -> Section | None:
+    rows = [(f"{event.time:.4f}", event.level, event.source, event.message) for event in run.recording.events()]
+    return Section("Events", "", (("time [s]", "level", "source", "what"), *rows)) if rows else None
+
+
+def _timing(run: RecordedRun) -> Section:
+    recording = run.recording
+    topics = [(t.path, f"{t.rate:g}", str(len(t.signals)), t.meaning) for t in recording.topics.values()]
+    text = ""
+    if recording.wall_start and recording.wall_end:
+        start, end = (dt.datetime.fromisoformat(clock) for clock in (recording.wall_start, recording.wall_end))
+        wall = (end - start).total_seconds()
+        text = f"{run.duration:g} s were simulated and recorded in {wall:.1f} s"
+        text += (
+            f", {run.duration / wall:.1f} times as fast as real time (compilation, if any, included)."
+            if wall > 0
+            else "."
+        )
+    return Section("Timing", text, (("topic", "samples per second", "signals", "meaning"), *topics))
+
+
+def _command(run: RecordedRun) -> str:
+    """The commands that make the same recording again, and what they depend on."""
+    known = run.name in shipped_scenarios()
+    scenario = run.name if known else f"{run.name}.toml  # the text below"
+    overrides = [f"--set {shlex.quote(entry)}" for entry in run.scenario.overrides]
+    about = run.recording.metadata
+    packages = ", ".join(
+        f"{name} {about[name]}" for name in ("cls-bench", "mujoco", "numba", "numpy", "python") if name in about
+    )
+    command = " ".join(["cls-bench run", *overrides, scenario])
+    return f"{command}\n\n# {packages}; commit {about.get('commit', 'none')}"
