@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -69,26 +69,45 @@ class Subject:
         return specimen
 
 
+class Held(NamedTuple):
+    """A soft spring and damper that hold the motor shaft at a moving set value, in a plant that stands on no other."""
+
+    stiffness: float
+    """[N·m/rad]"""
+    damping: float
+    """[N·m·s/rad]"""
+
+
+FREE = Held(0.0, 0.0)
+
+
 @compiled
 def _run(
-    plant: Plant, applied: Any, p: Any, mesh_loss: float, dampings: Dampings, motor: Any, hand: Any, angles: Any
-) -> None:
+    plant: Plant, applied: Any, p: Any, mesh_loss: float, dampings: Dampings, held: Held, target: Any, rate: Any,
+    motor: Any, hand: Any, positions: Any,
+) -> None:  # fmt: skip
     for k in range(motor.shape[0]):
+        motor[k] += held.stiffness * (target[k] - plant.qpos[state.MOTOR])
+        motor[k] += held.damping * (rate[k] - plant.qvel[state.MOTOR])
         applied[state.MOTOR] = motor[k]
         applied[state.COLUMN] = hand[k]
         plant_model.update(plant, p, mesh_loss, dampings, False, 0.0)
-        angles[k, :] = plant.qpos[: state.LIMB]
+        positions[k, :] = plant.qpos[: state.LIMB]
         mj_step(plant.model, plant.data)
 
 
-def run_plant(specimen: Specimen, motor: Array, hand: Array) -> Array:
-    """Put torques [N·m] on motor shaft and column, an entry a step; returns the positions before each step.
+def run_plant(
+    specimen: Specimen, motor: Array, hand: Array, *, held: Held = FREE, target: Array | None = None
+) -> tuple[Array, Array]:
+    """Put torques [N·m] on motor shaft and column, an entry a step; the shaft may be ``held`` at ``target`` [rad].
 
-    Columns: motor, carrier 1, crank, rod [rad], load cell [m], column [rad].
+    Returns the torque that acted on the motor shaft, and the positions before each step; their columns are motor,
+    carrier 1, crank, rod [rad], load cell [m], column [rad].
     """
-    positions = np.empty((len(motor), state.LIMB))
+    acted, positions = motor.copy(), np.empty((len(motor), state.LIMB))
+    set_value = np.zeros(len(motor)) if target is None else target
     _run(
         specimen.plant, specimen.applied, specimen.record, specimen.parameters.gearbox.mesh_loss, specimen.dampings,
-        motor, hand, positions,
+        held, set_value, np.gradient(set_value, specimen.step), acted, hand, positions,
     )  # fmt: skip
-    return positions
+    return acted, positions
