@@ -367,10 +367,23 @@ def test_an_outer_loop_may_ask_for_torque_in_torque_mode():
 
 def test_velocity_mode_follows_the_set_velocity():
     r = run(
-        controller=Asks(lambda t: Command(0.0, velocity=0.3)), duration=0.4,
+        controller=Asks(lambda t: Command(0.0, velocity=0.3)), duration=0.9,
         set=['plc.outer_loop="velocity"'],
     )  # fmt: skip
-    assert r.between("/column.velocity", 0.1, 0.4).mean() == pytest.approx(0.3, rel=0.03)
+    assert r.between("/column.velocity", 0.1, 0.9).mean() == pytest.approx(0.3, rel=0.03)
+    assert r["/column.angle"][-1] > 0.25  # beyond the limit of the following error, which is for positions only
+    assert not r.events
+
+
+def test_from_torque_mode_the_velocity_controller_takes_over_the_torque():
+    """The motor carries 0.2 N·m against the hand; in the cycle after the change it still does."""
+    r = run(
+        PUSH + 'changes = [{at = 0.1, mode = "torque"}, {at = 0.5, mode = "position"}]',
+        duration=0.6, set=["drive.set_torque=-0.2"],
+    )  # fmt: skip
+    assert not r.events[2:]
+    np.testing.assert_allclose(r.between("/drive.torque_command", 0.11, 0.5), -0.2)
+    assert r.between("/drive.torque_command", 0.5, 0.502) == pytest.approx(-0.2, abs=0.05)
 
 
 @pytest.mark.parametrize("off", ['power = "off"', 'mode = "off"'])
