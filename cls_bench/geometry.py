@@ -29,6 +29,7 @@ class Geom:
 
 
 Vector = tuple[float, float, float]
+Array = NDArray[np.float64]
 
 PLANE_HALF_LENGTH = 1.0
 """Drawn half length of a plane that is infinite in the model [m]."""
@@ -55,3 +56,47 @@ def plane_box(geom: Geom) -> tuple[Vector, Vector]:
     x, y, _ = geom.size
     half = (x or PLANE_HALF_LENGTH, y or PLANE_HALF_LENGTH, PLANE_HALF_THICKNESS)
     return half, along_z(geom, -PLANE_HALF_THICKNESS)
+
+
+# --- forces on the column as arrows ---
+
+METRES_PER_NEWTON = 0.003
+"""Length of a drawn force."""
+
+LONGEST_ARROW = 0.45
+"""Length at which an arrow stops growing [m]."""
+
+ARROWS = ("hand on the column", "connecting rod on the column")
+"""What the arrows show."""
+
+_GRIP = (0.0, -0.022, 0.30)
+"""The site "grip" in the column's frame [m]."""
+
+_ASIDE = np.array([0.0, -0.065, 0.0])
+"""How far before the bench the arrows are drawn, to be seen [m]."""
+
+
+def turned(quaternion: Array, vectors: Array) -> Array:
+    """``vectors`` (…, 3) turned by quaternions w, x, y, z of shape (…, 4)."""
+    w, axis = quaternion[..., :1], quaternion[..., 1:]
+    doubled = 2.0 * np.cross(axis, vectors)
+    return np.asarray(vectors + w * doubled + np.cross(axis, doubled))
+
+
+def force_arrows(column: Array, rod_end: Array, hand_force: Array, rod_force: Array) -> tuple[Array, Array]:
+    """Origins and vectors [m] of both arrows of :data:`ARROWS`, shape (rows, 2, 3).
+
+    ``column`` and ``rod_end`` are poses, shape (rows, 7); forces [N], shape (rows,): the hand's positive forward, the
+    rod's positive in tension, when it pulls the column back towards the crank.
+    """
+    x = np.array([1.0, 0.0, 0.0])
+    grip = column[:, :3] + turned(column[:, 3:], np.broadcast_to(_GRIP, (len(column), 3)))
+    joint = rod_end[:, :3]
+    forward = turned(column[:, 3:], np.broadcast_to(x, (len(column), 3)))
+    along_rod = turned(rod_end[:, 3:], np.broadcast_to(x, (len(rod_end), 3)))
+
+    def length(force: Array) -> Array:
+        return np.clip(METRES_PER_NEWTON * force, -LONGEST_ARROW, LONGEST_ARROW)[:, None]
+
+    origins = np.stack([grip, joint], axis=1) + _ASIDE
+    return origins, np.stack([length(hand_force) * forward, -length(rod_force) * along_rod], axis=1)

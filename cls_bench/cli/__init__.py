@@ -47,3 +47,4 @@ for _command in (basics.run, basics.list_, basics.validate, basics.schema):
 main.add_command(sweep)
 main.add_command(view)
 main.add_command(report.report)
+main.add_command(report.render)

@@ -47,6 +47,9 @@ _HEAD = struct.Struct("<BQ")  # opcode and length of a record
 _CHUNK_HEAD = struct.Struct("<QQQII")  # first and last time, size, CRC, length of the compression's name
 _HEAD_BYTES = 64  # of a record: more than is needed of a chunk's or a message index's head
 
+Poses = NDArray[np.float64]
+"""Position [m] and quaternion w, x, y, z of each body, world first, shape (rows, bodies, 7)."""
+
 _Record = TypeVar("_Record", Attachment, Channel, Metadata, Schema)
 
 
@@ -214,7 +217,6 @@ class Recording:
     def blocks(self) -> Iterator[Block]:
         """The run as the blocks in which it was recorded, poses and events with them."""
         events = self.events()
-        transforms = self._channels.get(TRANSFORMS_TOPIC)
         wanted = [_Wanted(t, t.names, list(range(len(t.names))), 1) for t in self.topics.values()]
         with self.path.open("rb") as file:
             for chunk in self._chunks:
@@ -223,11 +225,30 @@ class Recording:
                 fastest = next(times for part, (times, _) in zip(wanted, parts, strict=True) if part.topic.ticks == 1)
                 first, ticks = int(fastest[0]) // TICK_NS, len(fastest)
                 signals = {part.topic.path: rows.T for part, (_, rows) in zip(wanted, parts, strict=True)}
-                index = self._index(file, chunk, transforms) if transforms is not None else np.zeros((0, 2), "<u8")
-                poses = [foxglove.parse_transforms(_payload(data, int(offset))) for offset in index[:, 1]]
+                _, poses = self._poses(file, chunk, data)
                 inside = tuple(event for event in events if first <= event.tick < first + ticks)
-                shape = np.array(poses, np.float64).reshape(len(poses), -1, 7) if poses else np.zeros((0, 1, 7))
-                yield Block(first, ticks, signals, shape, inside)
+                yield Block(first, ticks, signals, poses, inside)
+
+    def poses(self, start: float | None = None, end: float | None = None) -> tuple[NDArray[np.float64], Poses]:
+        """Times [s] and poses of the bodies with start ≤ time < end [s], as in :class:`cls_bench.signals.Block`."""
+        start_ns = 0 if start is None else _next_tick(start) * TICK_NS
+        end_ns = self._chunks[-1].end_ns + 1 if end is None and self._chunks else _next_tick(end or 0.0) * TICK_NS
+        times, rows = [np.zeros(0, np.uint64)], []
+        with self.path.open("rb") as file:
+            for chunk in self._chunks:
+                if chunk.end_ns >= start_ns and chunk.start_ns < end_ns:
+                    time, poses = self._poses(file, chunk, self._load(file, chunk))
+                    kept = (time >= start_ns) & (time < end_ns)
+                    times.append(time[kept])
+                    rows.append(poses[kept])
+        return np.concatenate(times) / 1e9, np.concatenate(rows) if rows else np.zeros((0, 1, 7))
+
+    def _poses(self, file: IO[bytes], chunk: _Chunk, data: bytes) -> tuple[NDArray[np.uint64], Poses]:
+        """Times [ns] and poses in a chunk."""
+        channel = self._channels.get(TRANSFORMS_TOPIC)
+        index = self._index(file, chunk, channel) if channel is not None else np.zeros((0, 2), np.uint64)
+        rows = [foxglove.parse_transforms(_payload(data, int(offset))) for offset in index[:, 1]]
+        return index[:, 0], np.array(rows, np.float64).reshape(len(rows), -1, 7) if rows else np.zeros((0, 1, 7))
 
     def run_info(self) -> RunInfo:
         """What the recording says about its run besides the samples, shapes of the bodies included."""

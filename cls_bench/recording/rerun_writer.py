@@ -11,6 +11,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from cls_bench.geometry import ARROWS, force_arrows
 from cls_bench.recording import rerun_layout as layout
 from cls_bench.recording import rerun_scene
 from cls_bench.recording.mcap_reader import Recording
@@ -161,9 +162,7 @@ class _Run:
                 self._stream.log(f"{self._bodies[body]}/{kind}_{number}", archetype, static=True)
         if self._arrow_bodies:
             colors = [layout.PILOT, layout.MEASURED]
-            look = rr.Arrows3D.from_fields(
-                colors=colors, radii=[0.006], labels=list(rerun_scene.ARROWS), show_labels=False
-            )
+            look = rr.Arrows3D.from_fields(colors=colors, radii=[0.006], labels=list(ARROWS), show_labels=False)
             self._log(layout.FORCES, look)
         for lane, states in ((layout.DRIVE_LANE, layout.DRIVE_STATES), (layout.HAND_LANE, layout.HAND_STATES)):
             self._log(lane, rr.StateConfiguration(values=list(states), colors=list(states.values())))
@@ -218,9 +217,9 @@ class _Run:
         if self._arrow_bodies:
             column, rod_end = (poses[:, number] for number in self._arrow_bodies)
             hand_force, rod_force = _column(rows, "/pilot", "hand_force"), _column(rows, "/load_cell", "force")
-            origins, vectors = rerun_scene.force_arrows(column, rod_end, hand_force, rod_force)
+            origins, vectors = force_arrows(column, rod_end, hand_force, rod_force)
             arrows = rr.Arrows3D.columns(origins=origins.reshape(-1, 3), vectors=vectors.reshape(-1, 3))
-            pairs = arrows.partition(np.full(len(ticks), len(rerun_scene.ARROWS)))
+            pairs = arrows.partition(np.full(len(ticks), len(ARROWS)))
             self._stream.send_columns(self._at(layout.FORCES), time, pairs)
 
     def _send_states(self, lane: str, ticks: Ticks, states: NDArray[np.str_]) -> None:

@@ -1,0 +1,137 @@
+"""Stills and videos of the bench as MuJoCo draws it, from a recording alone."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from cls_bench.errors import InputError, OutputError
+from cls_bench.geometry import force_arrows, turned
+from cls_bench.recording import Recording
+
+Image = NDArray[np.uint8]
+
+SIZE = (1280, 800)
+CAMERA = "bench"
+MODEL_FILE = "bench_as_run.xml"
+"""Attachment with the whole model."""
+
+_ARROW_COLORS = ((0.90, 0.62, 0.0, 1.0), (0.34, 0.71, 0.91, 1.0))
+_ARROW_RADIUS = 0.006  # [m]
+
+
+class Renderer:
+    """Draws the bodies of a recording where it says they were. InputError if there is no model or no OpenGL."""
+
+    def __init__(self, recording: Recording, size: tuple[int, int] = SIZE, camera: str = CAMERA):
+        self._recording = recording
+        model = recording.attachments.get(MODEL_FILE)
+        if model is None:
+            raise InputError(f"{recording.path} carries no {MODEL_FILE}; there is nothing to draw")
+        spec = mujoco.MjSpec.from_string(model.decode())
+        spec.visual.global_.offwidth, spec.visual.global_.offheight = size
+        self._model = spec.compile()
+        self._data = mujoco.MjData(self._model)
+        mujoco.mj_forward(self._model, self._data)  # cameras and lights stand in the world; the bodies come later
+        cameras = [self._model.camera(k).name for k in range(self._model.ncam)]
+        if camera not in cameras:
+            raise InputError(f'there is no camera "{camera}"; valid: {", ".join(cameras)}')
+        self._camera = camera
+        try:
+            self._renderer = mujoco.Renderer(self._model, height=size[1], width=size[0])
+        except Exception as error:  # each OpenGL library has errors of its own
+            raise InputError(f"OpenGL cannot start ({error}); try MUJOCO_GL=osmesa, or egl") from None
+
+    def close(self) -> None:
+        """Give the memory back."""
+        self._renderer.close()
+
+    def still(self, at: float) -> Image:
+        """The bench at ``at`` [s], shape (height, width, 3). InputError outside of the recording."""
+        for image in self.frames(at, at + 0.02, 0.01):
+            return image
+        raise InputError(f"{self._recording.path} ends at {self._recording.duration:g} s; there is nothing at {at:g} s")
+
+    def frames(self, start: float, end: float, step: float) -> Iterator[Image]:
+        """The bench every ``step`` [s], at 100 Hz at most."""
+        time, poses = self._recording.poses(start, end)
+        every = max(round(step / 0.01), 1)
+        if not len(time):
+            return
+        force = self._recording.read("/load_cell", ["force"], start, end, every=200)["force"]
+        hand = self._recording.read("/pilot", ["hand_force"], start, end, every=50)["hand_force"]
+        column, rod_end = (self._model.body(name).id for name in ("column", "rod_end"))
+        origins, vectors = force_arrows(poses[:, column], poses[:, rod_end], hand, force)
+        for row in range(0, len(time), every):
+            yield self._draw(poses[row], origins[row], vectors[row])
+
+    def _draw(self, poses: NDArray[np.float64], origins: Any, vectors: Any) -> Image:
+        model, data = self._model, self._data
+        bodies = poses[model.geom_bodyid]
+        data.geom_xpos[:] = bodies[:, :3] + turned(bodies[:, 3:], model.geom_pos)
+        for geom, (body, own) in enumerate(zip(bodies[:, 3:], model.geom_quat, strict=True)):
+            quaternion = np.zeros(4)
+            mujoco.mju_mulQuat(quaternion, body, own)
+            mujoco.mju_quat2Mat(data.geom_xmat[geom], quaternion)
+        self._renderer.update_scene(data, self._camera)
+        for origin, vector, color in zip(origins, vectors, _ARROW_COLORS, strict=True):
+            self._add_arrow(origin, vector, color)
+        return np.asarray(self._renderer.render())
+
+    def _add_arrow(self, origin: Any, vector: Any, color: tuple[float, ...]) -> None:
+        scene = self._renderer.scene
+        if np.linalg.norm(vector) < _ARROW_RADIUS or scene.ngeom >= scene.maxgeom:
+            return
+        geom = scene.geoms[scene.ngeom]
+        arrow = mujoco.mjtGeom.mjGEOM_ARROW
+        mujoco.mjv_initGeom(geom, arrow, np.zeros(3), np.zeros(3), np.eye(3).ravel(), np.array(color, np.float32))
+        mujoco.mjv_connector(geom, arrow, _ARROW_RADIUS, origin, origin + vector)
+        scene.ngeom += 1
+
+
+def save_still(recording: Recording, at: float, path: Path, size: tuple[int, int] = SIZE, camera: str = CAMERA) -> None:
+    """Write a still as PNG. Raises InputError and OutputError."""
+    from PIL import Image as Pillow
+
+    renderer = Renderer(recording, size, camera)
+    try:
+        image = Pillow.fromarray(renderer.still(at))
+    finally:
+        renderer.close()
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        image.save(path)
+    except (OSError, ValueError) as error:
+        raise OutputError(f"cannot write {path}: {error}") from None
+
+
+def save_video(
+    recording: Recording, path: Path, start: float, end: float, *, speed: float = 1.0, rate: int = 50,
+    size: tuple[int, int] = SIZE, camera: str = CAMERA,
+) -> int:  # fmt: skip
+    """Write an MP4 of ``rate`` frames a second that plays ``speed`` times as fast as the run; returns its frames.
+
+    Raises InputError and OutputError.
+    """
+    try:
+        import imageio_ffmpeg
+    except ImportError:
+        raise InputError("a video needs ffmpeg: pip install 'cls-bench[video]'") from None
+    renderer = Renderer(recording, size, camera)
+    frames = 0
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        writer = imageio_ffmpeg.write_frames(str(path), size, fps=rate, quality=8, macro_block_size=2)
+        writer.send(None)
+        for image in renderer.frames(start, end, speed / rate):
+            writer.send(np.ascontiguousarray(image))
+            frames += 1
+        writer.close()
+    except OSError as error:
+        raise OutputError(f"cannot write {path}: {error}") from None
+    finally:
+        renderer.close()
+    return frames
