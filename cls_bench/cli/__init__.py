@@ -46,5 +46,5 @@ for _command in (basics.run, basics.list_, basics.validate, basics.schema):
     main.add_command(_command)
 main.add_command(sweep)
 main.add_command(view)
-main.add_command(report.report)
-main.add_command(report.render)
+for _command in (report.report, report.compare, report.gallery, report.render):
+    main.add_command(_command)

@@ -20,6 +20,74 @@ def report(recordings: tuple[Path, ...], out: Path) -> None:
 
 
 @click.command()
+@click.argument("first", metavar="A", type=_RECORDING)
+@click.argument("second", metavar="B", type=_RECORDING)
+@click.option("--signal", "signals", multiple=True, metavar="/TOPIC.NAME",
+              help="Signal to lay over each other; may be given again.  "
+                   "[default: column angle, load cell torque, motor torque]")  # fmt: skip
+@click.option("--window", nargs=2, type=click.FloatRange(0), metavar="START END", help="Times to compare [s].")
+@click.option("--out", type=click.Path(path_type=Path), default=Path("reports"), show_default=True,
+              help="Folder for the page.")  # fmt: skip
+def compare(first: Path, second: Path, signals: tuple[str, ...], window: tuple[float, float] | None, out: Path) -> None:
+    """Compare two recordings (.mcap): metrics, parameters, and signals laid over each other in a page."""
+    from cls_bench.cli.output import number, print_table
+    from cls_bench.report import comparison, page
+    from cls_bench.report.recorded_run import RecordedRun, Span
+
+    a, b = RecordedRun(first), RecordedRun(second)
+    metrics = [
+        (d.name, d.unit, number(d.first), number(d.second), number(d.change), _percent(d.relative))
+        for d in comparison.differences(a, b)
+    ]
+    changed = [(key, f"{x}", f"{y}", unit) for key, x, y, unit in comparison.parameter_differences(a, b)]
+    pictures = list(comparison.overlays(a, b, signals or comparison.SIGNALS, Span(*window) if window else None))
+    sections = []
+    for title, header, rows, none in (
+        ("Metrics", ("metric", "unit", "A", "B", "B − A", "change"), metrics, "They measure nothing in common."),
+        ("Parameters that differ", ("parameter", "A", "B", "unit"), changed, "All parameters are the same."),
+    ):
+        sections.append(page.Section(title, "" if rows else none, (header, *rows) if rows else ()))
+        if rows:
+            print_table(header, rows)
+        else:
+            click.echo(none)
+    click.echo(page.write_comparison(a, b, pictures, sections, out))
+
+
+def _percent(part: float) -> str:
+    import math
+
+    return f"{part:+.1%}" if math.isfinite(part) else ""
+
+
+@click.command()
+@click.option("--out", type=click.Path(path_type=Path), default=Path("gallery"), show_default=True,
+              help="Folder for the pages.")  # fmt: skip
+@click.option("--recordings", type=click.Path(path_type=Path),
+              help="Folder that keeps the recordings; without it they are deleted.")  # fmt: skip
+def gallery(out: Path, recordings: Path | None) -> None:
+    """Run all shipped scenarios and build a page of them, with a report of each."""
+    import tempfile
+
+    from cls_bench import experiment
+    from cls_bench.cli.output import progress_bar
+    from cls_bench.report.page import write_gallery
+    from cls_bench.report.recorded_run import RecordedRun
+    from cls_bench.resources import shipped_scenarios
+    from cls_bench.scenario import load_scenario
+
+    with tempfile.TemporaryDirectory() as folder:
+        runs = []
+        for name in shipped_scenarios():
+            scenario = load_scenario(name)
+            with progress_bar(scenario.duration, quiet=False) as progress:
+                result = experiment.run(scenario, out=recordings or Path(folder), rerun=False, progress=progress)
+            click.echo(f"{name}: {result.status}")
+            runs.append(RecordedRun(result.mcap))
+        click.echo(write_gallery(runs, out))
+
+
+@click.command()
 @click.argument("recording", type=_RECORDING)
 @click.option("--at", type=click.FloatRange(0), help="Time of the still [s].  [default: the middle]")
 @click.option("--video", is_flag=True, help="An MP4 of the whole run instead of a still.")

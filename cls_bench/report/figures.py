@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from cls_bench.analysis import free_response, metrics
 from cls_bench.parameters import DEG, Gearbox
 from cls_bench.report.recorded_run import RecordedRun, Span
-from cls_bench.report.style import COLOR, legend, new_figure, new_pair, thin, thin_path
+from cls_bench.report.style import COLOR, legend, new_figure, new_pair, room_above, thin, thin_path
 
 Array = NDArray[np.float64]
 
@@ -58,7 +58,7 @@ def friction(run: RecordedRun, spans: Sequence[Span]) -> Iterator[Picture]:
         ax.plot(x, y, color=color, label=label)
     _torque_axes(ax, run)
     legend(ax, place="upper left")
-    _room_above(ax, 0.30)
+    room_above(ax, 0.30)
     yield Picture(
         "torque_over_displacement",
         "Torque over displacement",
@@ -84,11 +84,6 @@ def _torque_axes(ax: Axes, run: RecordedRun) -> None:
     side.set_ylabel("as a force at the grip [N]", color=COLOR["ink"])
     side.tick_params(color=COLOR["muted"], labelcolor=COLOR["ink"])
     side.spines["right"].set_color(COLOR["muted"])
-
-
-def _room_above(ax: Axes, share: float) -> None:
-    low, high = ax.get_ylim()
-    ax.set_ylim(low, high + share * (high - low))
 
 
 # --- feel model: static sweep and free response ----------------------------------------------------------------------
@@ -142,7 +137,7 @@ def released(run: RecordedRun, spans: Sequence[Span]) -> Iterator[Picture]:
         error.set_ylabel("difference [°]")
         error.set_xlabel("time since release [s]")
         legend(error, columns=2, place="upper right")
-        _room_above(error, 0.35)
+        room_above(error, 0.35)
         figure.align_ylabels()
         items = free_response.part60(time, angle, expected)
         rows = [
@@ -183,7 +178,7 @@ def tracking(run: RecordedRun, spans: Sequence[Span]) -> Iterator[Picture]:
         ax.plot(*thin(time, angle), color=COLOR["measured"], ls=(0, (4, 3)), label="column (measured)")
         ax.set_ylabel("angle φ [°]")
         legend(ax, columns=2, place="upper right")
-        _room_above(ax, 0.15)
+        room_above(ax, 0.15)
         error.plot(*thin(time, angle - model[rows]), color=COLOR["error"], label="column − model")
         settled = time > time[0] + lag
         left = thin(time[settled], (angle - late)[settled])
@@ -191,7 +186,7 @@ def tracking(run: RecordedRun, spans: Sequence[Span]) -> Iterator[Picture]:
         error.set_ylabel("error [°]")
         error.set_xlabel("time [s]")
         legend(error, columns=2, place="upper right")
-        _room_above(error, 0.3)
+        room_above(error, 0.3)
         figure.align_ylabels()
         yield Picture(
             f"tracking_{k}" if len(spans) > 1 else "tracking",
@@ -236,7 +231,7 @@ def _shaking(run: RecordedRun, span: Span, name: str, title: str, caption: str) 
     squeeze.set_xlabel("time [s]")
     for ax in (angle, torque):
         legend(ax, columns=2, place="upper right")
-        _room_above(ax, 0.22)
+        room_above(ax, 0.22)
     figure.align_ylabels()
     return Picture(name, title, caption, figure)
 
@@ -256,7 +251,7 @@ def evenness(run: RecordedRun, spans: Sequence[Span]) -> Iterator[Picture]:
         ax.plot(*thin_path(w["/column.angle"] / DEG, w["/column.velocity"] / DEG), color=color, lw=1.0, label=label)
         ax.set_ylabel("velocity [°/s]")
         legend(ax, place="upper left")
-        _room_above(ax, 0.25)
+        room_above(ax, 0.25)
     axes[-1].set_xlabel("column angle φ [°]")
     figure.align_ylabels()
     yield Picture(
@@ -287,7 +282,7 @@ def imperfections(run: RecordedRun, spans: Sequence[Span]) -> Iterator[Picture]:
         ax.set_ylabel("column − model [arcmin]")
         ax.set_xlabel("column angle φ [°]")
         legend(ax, columns=2, place="upper right")
-        _room_above(ax, 0.15)
+        room_above(ax, 0.15)
         count = sum(sweep is not None for sweep in sweeps)
         spectrum.plot(orders, np.sqrt(power / max(count, 1)), color=COLOR["error"])
         _mark_orders(spectrum, w.parameters.gearbox)
@@ -366,7 +361,7 @@ def overview(run: RecordedRun) -> Picture:
     state.set_xlabel("time [s]")
     for ax in (angle, torque):
         legend(ax, columns=2, place="upper right")
-        _room_above(ax, 0.12)
+        room_above(ax, 0.12)
     figure.align_ylabels()
     caption = "The whole run: what the hand did, what the column did, what the motor did; below, when power was on and "
     return Picture("overview", "The whole run", caption + "how tightly the hand gripped.", figure)

@@ -69,12 +69,27 @@ def write_gallery(runs: Sequence[RecordedRun], folder: Path) -> Path:
             shown = _run(run, folder, 0)
             report = folder / f"{run.name}.html"
             report.write_text(_render("report.html", runs=[shown]), encoding="utf-8")
-            first = next(pictures(run))
-            card = Shown(first.title, first.caption, _inline(first, f"gallery_{run.name}"), (), ())
-            cards.append({**shown, "name": run.name, "page": report.name, "picture": card})
+            cards.append({**shown, "name": run.name, "page": report.name, "picture": shown["pictures"][0]})
         page.write_text(_render("gallery.html", runs=cards), encoding="utf-8")
     except OSError as error:
         raise OutputError(f"cannot write {error.filename or page}: {error.strerror}") from None
+    return page
+
+
+def write_comparison(
+    first: RecordedRun, second: RecordedRun, pictures: Sequence[Picture], sections: Sequence[Section], folder: Path
+) -> Path:
+    """Write a page that lays two runs over each other; returns its path. Raises OutputError."""
+    page = folder / f"{first.path.stem}--{second.path.stem}.html"
+    runs = [("", "recording", "scenario", "verdict")]
+    runs += [(name, run.path.name, run.scenario.title, run.verdict) for name, run in (("A", first), ("B", second))]
+    shown = [Shown(p.title, p.caption, _inline(p, f"compare_{p.name}"), p.table, ()) for p in pictures]
+    text = _render("compare.html", title="Two runs compared", runs=runs, sections=sections, pictures=shown)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        page.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise OutputError(f"cannot write {page}: {error.strerror}") from None
     return page
 
 

@@ -111,6 +111,12 @@ def legend(ax: Axes, *, columns: int = 1, place: Any = "best") -> None:
         ax.legend(ncols=columns, loc=place)
 
 
+def room_above(ax: Axes, share: float) -> None:
+    """Extend the y axis upwards by ``share`` of its length, for a legend."""
+    low, high = ax.get_ylim()
+    ax.set_ylim(low, high + share * (high - low))
+
+
 def thin(x: Array, y: Array) -> tuple[Array, Array]:
     """A curve over time by the least and the greatest of each of :data:`PIXELS` stretches: peaks are kept."""
     size = len(x) // PIXELS

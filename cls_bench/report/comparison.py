@@ -1,0 +1,91 @@
+"""Two runs beside each other: their metrics, their parameters, and chosen signals laid over each other."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cls_bench.analysis.window import split_signal, unit_of
+from cls_bench.errors import InputError
+from cls_bench.parameters import DEG, leaves
+from cls_bench.report.figures import Picture
+from cls_bench.report.recorded_run import RecordedRun, Span
+from cls_bench.report.style import COLOR, legend, new_figure, room_above, thin
+
+SIGNALS = ("/column.angle", "/load_cell.torque", "/drive.torque")
+"""Signals that are compared unless others are named."""
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A metric of two runs."""
+
+    name: str
+    unit: str
+    first: float
+    second: float
+
+    @property
+    def change(self) -> float:
+        """Second less first."""
+        return self.second - self.first
+
+    @property
+    def relative(self) -> float:
+        """Change as a part of the first value; NaN if that is 0."""
+        return self.change / abs(self.first) if self.first else math.nan
+
+
+def differences(first: RecordedRun, second: RecordedRun) -> list[Difference]:
+    """The metrics that both runs measure under one name and in one unit, in the first's order."""
+    others = {result.check.name: result for result in second.checks}
+    return [
+        Difference(result.check.name, result.unit, result.value, others[result.check.name].value)
+        for result in first.checks
+        if result.check.name in others and others[result.check.name].unit == result.unit
+    ]
+
+
+def parameter_differences(first: RecordedRun, second: RecordedRun) -> list[tuple[str, Any, Any, str]]:
+    """Key, both values at the start and unit of all parameters that differ."""
+    others = {key: value for key, value, _ in leaves(second.scenario.parameters_at_start())}
+    found = leaves(first.scenario.parameters_at_start())
+    return [(key, value, others[key], about["unit"]) for key, value, about in found if value != others[key]]
+
+
+def overlays(first: RecordedRun, second: RecordedRun, signals: Sequence[str], span: Span | None) -> Iterator[Picture]:
+    """Each of ``signals`` of both runs over time, and their difference. InputError for an unknown signal.
+
+    ``span`` limits the time [s]; by default it is what both runs recorded.
+    """
+    common = Span(0.0, min(first.duration, second.duration))
+    span = common if span is None else Span(max(span.start, 0.0), min(span.end, common.end))
+    if not span.start < span.end:
+        raise InputError(f"both runs last {common.end:g} s; there is nothing from {span.start:g} to {span.end:g} s")
+    for signal in signals:
+        topic, name = split_signal(signal)
+        scale, unit = _shown(unit_of(signal))
+        windows = first.window(span), second.window(span)
+        rows = min(len(window.time) for window in windows)
+        time = windows[0].time[:rows]
+        a, b = (window[signal][:rows] / scale for window in windows)
+        figure, (ax, below) = new_figure(2, height=4.8, shares=(3, 1.4))
+        ax.plot(*thin(time, a), color=COLOR["measured"], label="A")
+        ax.plot(*thin(time, b), color=COLOR["model"], ls=(0, (4, 3)), label="B")
+        ax.set_ylabel(f"{name.replace('_', ' ')} [{unit}]")
+        legend(ax, columns=2, place="upper right")
+        room_above(ax, 0.15)
+        below.plot(*thin(time, b - a), color=COLOR["error"])
+        below.set_ylabel(f"B − A [{unit}]")
+        below.set_xlabel("time [s]")
+        figure.align_ylabels()
+        r_m_s = float(np.sqrt(np.mean((b - a) ** 2)))
+        caption = f"A and B over each other; below, their difference, {r_m_s:.3g} {unit} r.m.s."
+        yield Picture(f"{topic.strip('/')}_{name}", signal, caption, figure)
+
+
+def _shown(unit: str) -> tuple[float, str]:
+    """What a unit is shown in: SI value of that, and its name."""
+    return {"rad": (DEG, "°"), "rad/s": (DEG, "°/s")}.get(unit, (1.0, unit))
