@@ -75,9 +75,7 @@ def _stage_parameters(scale: float) -> Parameters:
     """Stage 1 as the example's spring: its input is held by a great inertia, its output is the example's inertia."""
     great = 1e9
     damping_ratio = DAMPING / (2.0 * math.sqrt(STIFFNESS * INERTIA))
-    stage = GearStage(
-        stiffness=STIFFNESS, damping_ratio=damping_ratio, backlash=scale * GAP, drag=0.0, ripple=0.0
-    )
+    stage = GearStage(stiffness=STIFFNESS, damping_ratio=damping_ratio, backlash=scale * GAP, drag=0.0, ripple=0.0)
     return Parameters(
         gearbox=Gearbox(input_inertia=great, carrier1_inertia=INERTIA, efficiency=1.0, stage1=stage, stage2=stage)
     )

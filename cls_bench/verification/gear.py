@@ -112,9 +112,7 @@ def _run_box(
 
 def _efficiency(subject: Subject, p: Parameters, torque: float, *, back: bool) -> float:
     """Power out over power in of the whole gearbox at a steady speed, against a brake on the other shaft."""
-    box = subject.element(
-        p, ("motor", "carrier1", "crank"), ("stage1", "stage2", "stage1_friction", "stage2_friction")
-    )
+    box = subject.element(p, ("motor", "carrier1", "crank"), ("stage1", "stage2", "stage1_friction", "stage2_friction"))
     ratio = p.gearbox.ratio**2
     motor_speed = 100.0  # rad/s, far above the Stribeck velocity of every stage
     velocities = np.empty((round(0.3 / box.step), 2))

@@ -58,9 +58,7 @@ def frequency_response(subject: Subject) -> Iterator[Row]:
     load = 10.0  # N·m on the column; the motor's share goes by the ratio at neutral
     ratio = p.gearbox.ratio**2 * p.linkage.arm / p.linkage.crank
     build_up = np.minimum(time / 0.1, 1.0)
-    acted, positions = run_plant(
-        specimen, shake + load / ratio * build_up, -load * build_up, held=Held(0.5, 0.01)
-    )
+    acted, positions = run_plant(specimen, shake + load / ratio * build_up, -load * build_up, held=Held(0.5, 0.01))
     torque, column = (np.fft.rfft(signal[period:]) for signal in (acted, positions[:, COLUMN]))
     response = column[lines] / torque[lines]
     model = linear_model(p)

@@ -36,9 +36,7 @@ def _run_under(specimen: Specimen, force: Array) -> Array:
     """Pull the rod end with ``force`` [N], an entry a tick; columns: strain force [N], counts, give [m]."""
     samples: Any = np.zeros(1, dtype=sensors.SAMPLES).view(np.recarray)[0]
     out = np.empty((len(force), 3))
-    _run(
-        specimen.plant, specimen.applied, specimen.record.load_cell, specimen.dampings.load_cell, force, samples, out
-    )
+    _run(specimen.plant, specimen.applied, specimen.record.load_cell, specimen.dampings.load_cell, force, samples, out)
     return out
 
 

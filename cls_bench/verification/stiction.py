@@ -36,9 +36,7 @@ def _run(
     for k in range(torque.shape[0]):
         pull = spring * (drive * k * step - plant.qpos[0])
         applied[0] = torque[k] + pull
-        friction.set_level(
-            plant, 0, 0, plant.qvel[0], law.coulomb, law.breakaway_ratio, law.damping, law.stribeck
-        )
+        friction.set_level(plant, 0, 0, plant.qvel[0], law.coulomb, law.breakaway_ratio, law.damping, law.stribeck)
         out[k, 0], out[k, 1] = plant.qpos[0], plant.qvel[0]
         mj_step(plant.model, plant.data)
 
