@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from cls_bench.cli import basics, report
+from cls_bench.cli import basics, report, stability
 from cls_bench.cli.sweep import sweep
 from cls_bench.cli.view import view
 from cls_bench.errors import BenchError
@@ -47,4 +47,9 @@ for _command in (basics.run, basics.list_, basics.validate, basics.schema):
 main.add_command(sweep)
 main.add_command(view)
 for _command in (report.report, report.compare, report.gallery, report.render):
+    main.add_command(_command)
+for _command in (
+    stability.frequency_response, stability.predict, stability.onset, stability.stability_map, stability.stabilisers,
+    stability.check,
+):  # fmt: skip
     main.add_command(_command)

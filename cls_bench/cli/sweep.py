@@ -44,7 +44,7 @@ def sweep(file: Path, out: Path | None, resume: bool, scheduler: str, as_json: b
     engine, journal = make_engine(scheduler), folder / "points.jsonl"
     _compile(plan, quiet=as_json)
     try:
-        with _progress(quiet=as_json) as report:
+        with points_progress(quiet=as_json) as report:
             rows = evaluate_points(
                 ScenarioAt.of(plan), plan.sweep.points, journal=journal, identity=plan.identity, resume=resume,
                 scheduler=engine, report=report,
@@ -118,7 +118,7 @@ def _compile(plan: "Plan", quiet: bool) -> None:
 
 
 @contextmanager
-def _progress(quiet: bool) -> Iterator[Callable[[int, int], None]]:
+def points_progress(quiet: bool) -> Iterator[Callable[[int, int], None]]:
     """A bar with the remaining time on a terminal's standard error; nothing in logs."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn

@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from cls_bench.analysis.linear import Compensation
+from cls_bench.analysis.linear import Compensation, limb_mass_for
 from cls_bench.analysis.prediction import critical, rule
 from cls_bench.analysis.variation import Setup, Variation
 from cls_bench.parameters import Parameters
@@ -30,13 +30,14 @@ class Onset:
     stable_at: float | None
     """the stable end of the bracket (of the range if there is no onset); None if nothing is stable"""
     unstable_at: float | None
-    oscillation: Verdict | None
-    """what the bench does at the unstable end: growth rate, frequency, amplitude of a limit cycle"""
+    last_unstable: Verdict | None
+    """the trial at the unstable end; with ``follow`` run to its end, so that it shows the limit cycle"""
     predicted: float | None
     """by the linear model"""
     rule: float | None
     """by Eq. 3.16; None where the rule does not say"""
     trials: int
+    """trials in the search"""
     simulated: float
     """time simulated in all [s]"""
 
@@ -66,11 +67,11 @@ def find(
     predicted = critical(setup, vary, compensation) if make_loop is None else None
     if compensation is not None:
         make_loop = compensated(compensation)
-    done: list[Verdict] = []
+    done: dict[float, Verdict] = {}
 
     def run(value: float) -> Verdict:
         verdict = trial.run(vary.apply(setup, value), standard, make_loop=make_loop)
-        done.append(verdict)
+        done[value] = verdict
         report(value, verdict)
         return verdict
 
@@ -89,14 +90,14 @@ def find(
                 unstable = middle
         stable_at, unstable_at = stable, unstable
         value = unstable if vary.whole else math.sqrt(stable * unstable) if low > 0 else 0.5 * (stable + unstable)
-    oscillation = None
+    simulated = sum(verdict.simulated for verdict in done.values())
+    last = None if unstable_at is None else done[unstable_at]
     if unstable_at is not None and follow:
-        oscillation = trial.run(vary.apply(setup, unstable_at), standard, make_loop=make_loop, follow=True)
-        done.append(oscillation)
+        last = trial.run(vary.apply(setup, unstable_at), standard, make_loop=make_loop, follow=True)
+        simulated += last.simulated
     return Onset(
-        vary, value, stable_at, unstable_at, oscillation, predicted, _by_rule(setup, vary), len(done),
-        sum(verdict.simulated for verdict in done),
-    )  # fmt: skip
+        vary, value, stable_at, unstable_at, last, predicted, _by_rule(setup, vary), len(done), simulated
+    )
 
 
 def compensated(compensation: Compensation) -> MakeLoop:
@@ -131,6 +132,4 @@ def _by_rule(setup: Setup, vary: Variation) -> float | None:
     forward = found.critical_ratio * inertia
     if vary.name == "forward_inertia":
         return forward
-    from cls_bench.analysis.linear import limb_mass_for
-
     return limb_mass_for(setup.parameters, forward)

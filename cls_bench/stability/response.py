@@ -55,7 +55,7 @@ class Excitation:
     """
 
     kind: str = MULTISINE
-    amplitude: float = 0.2
+    amplitude: float = 1.0
     low: float = 4.0
     """lowest frequency [Hz]"""
     high: float = 250.0

@@ -51,7 +51,8 @@ onset."""
 
 KEPT, GONE = 0.15, 0.02
 """Amplitude, as a share of the swing that the pulse gives the feel model, above which an undecided oscillation may
-count as sustained, and below which it is gone: what is left is vibration of the gears or noise."""
+count as sustained, and below which it is gone: what is left is vibration of the gears or noise. Above 1 it feeds
+itself, however irregular it is."""
 
 
 @dataclass(frozen=True)
@@ -204,14 +205,18 @@ class _Watch:
         mean, spread = float(rates.mean()), float(np.ptp(rates))
         clear = min(mode.share for mode in last) > 0.7 and np.ptp(frequencies) < 0.05 * frequencies.mean()
         if clear and abs(mean) > CLEAR and spread < 0.3 * abs(mean):
-            return (True, "decays") if mean < 0 else (False, "grows")
+            if mean > 0:
+                return False, "grows"
+            if self._kept(self._fits[-1]) < 1.0:  # a limit cycle larger than the pulse may breathe
+                return True, "decays"
         if all(self._kept(fit) < GONE for fit in self._fits[-4:]):
             return True, "dies out"
         return None
 
     def last_decision(self) -> tuple[bool, str]:
         """(stable, reason) at the end of the time, from the trend over the second half."""
-        if self.trend() > SUSTAINED and max(self._kept(fit) for fit in self._fits[-2:]) > KEPT:
+        kept = max(self._kept(fit) for fit in self._fits[-2:])
+        if kept > 1.0 or (kept > KEPT and self.trend() > SUSTAINED):
             return False, "sustained"
         return True, "dies out"
 

@@ -1,0 +1,463 @@
+"""frequency-response, predict, onset, stability-map, stabilisers, check onset."""
+
+import csv
+import dataclasses
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from cls_bench.cli.output import number, print_table
+from cls_bench.cli.sweep import points_progress
+from cls_bench.errors import InputError, OutputError
+
+if TYPE_CHECKING:
+    from cls_bench.analysis.frequency import FrequencyResponse
+    from cls_bench.analysis.variation import Setup
+    from cls_bench.stability.loops import MakeLoop
+    from cls_bench.stability.trial import Standard
+
+_LOOPS = ("velocity-loop", "position-loop", "outer-loop", "rendered-admittance")
+
+
+def _setup_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    for option in (
+        click.option("--set", "overrides", metavar="KEY=VALUE", multiple=True,
+                     help="Override a parameter, such as feel.inertia=0.25; may be given again."),
+        click.option("--grip", default="1", show_default=True, metavar="0…1|off",
+                     help="How tightly the hand grips, 0 loose to 1 tight, or off."),
+        click.option("--ideal", is_flag=True, help="Without friction, backlash, noise and coarse counts."),
+    ):  # fmt: skip
+        function = option(function)
+    return function
+
+
+def _trial_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    for option in (
+        click.option("--rate-deg", type=click.FloatRange(0, 200), metavar="DEG/S",
+                     help="Rate at which the hand moves the column during a trial; 0 holds still.  [default: 15, "
+                          "with --ideal 0]"),
+        click.option("--pulse", type=click.FloatRange(0, min_open=True), metavar="RAD/S²",
+                     help="Acceleration that the disturbing pulse gives the feel model for 10 ms.  [default: 35, "
+                          "with --ideal 5]"),
+        click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of the noise."),
+    ):  # fmt: skip
+        function = option(function)
+    return function
+
+
+_controller_option = click.option(
+    "--controller", metavar="MODULE:NAME",
+    help="Your own outer loop instead of the feel model: NAME(parameters) makes one.",
+)  # fmt: skip
+
+
+def _setup(overrides: tuple[str, ...], grip: str, ideal: bool) -> "Setup":
+    from cls_bench.analysis.linear import Hand
+    from cls_bench.analysis.variation import Setup
+    from cls_bench.analysis.variation import ideal as idealised
+    from cls_bench.scenario import parse_scenario
+
+    p = parse_scenario('title = "setup"\nduration = 1.0', set=overrides).parameters_at_start()
+    squeeze: float | None = None
+    if grip != "off":
+        try:
+            squeeze = float(grip)
+        except ValueError:
+            squeeze = math.nan
+        if not 0.0 <= squeeze <= 1.0:
+            raise InputError(f"--grip {grip}: must be a number from 0 (loose) to 1 (tight), or off")
+    return Setup(idealised(p) if ideal else p, Hand(squeeze))
+
+
+def _standard(ideal: bool, rate_deg: float | None, pulse: float | None, seed: int) -> "Standard":
+    from cls_bench.stability.trial import STILL, Standard
+
+    standard = STILL if ideal else Standard()
+    return dataclasses.replace(
+        standard, rate_deg=standard.rate_deg if rate_deg is None else rate_deg,
+        pulse=standard.pulse if pulse is None else pulse, seed=seed,
+    )  # fmt: skip
+
+
+def _make_loop(name: str | None) -> "MakeLoop | None":
+    if name is None:
+        return None
+    import importlib
+    import sys
+
+    module, _, attribute = name.partition(":")
+    sys.path.insert(0, str(Path.cwd()))
+    try:
+        found = getattr(importlib.import_module(module), attribute)
+    except (ImportError, ValueError) as error:
+        raise InputError(f"--controller {name}: {error}") from None
+    except AttributeError:
+        raise InputError(f'--controller {name}: module "{module}" has no "{attribute}"') from None
+    finally:
+        sys.path.pop(0)
+    if not callable(found):
+        raise InputError(f"--controller {name}: is not callable; it must make an outer loop from parameters")
+    made: MakeLoop = found
+    return made
+
+
+def _folder(out: Path | None, name: str) -> Path:
+    from cls_bench.experiment import RECORDINGS
+
+    folder = out or RECORDINGS / name
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"cannot write {folder}: {error.strerror}") from None
+    return folder
+
+
+def _finite(value: Any) -> Any:
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _echo_json(found: Any) -> None:
+    click.echo(json.dumps(found, indent=2, ensure_ascii=False, allow_nan=False))
+
+
+@click.command("frequency-response")
+@click.argument("loop", type=click.Choice(_LOOPS))
+@_setup_options
+@click.option("--excitation", type=click.Choice(["multisine", "stepped-sine", "chirp"]),
+              help="How it is excited.  [default: multisine; the rendered admittance: chirp]")  # fmt: skip
+@click.option("--amplitude", type=click.FloatRange(0, min_open=True),
+              help="Peak of the column's set angle [deg]; of the hand's force [N] for the rendered admittance.  "
+                   "[default: 1 deg, 20 N]")  # fmt: skip
+@click.option("--from-hz", type=float, default=4.0, show_default=True, help="Lowest frequency.")
+@click.option("--to-hz", type=float, default=250.0, show_default=True, help="Highest frequency.")
+@click.option("--points", type=click.IntRange(2, 500), default=24, show_default=True,
+              help="Frequencies of a stepped sine.")  # fmt: skip
+@click.option("--out", type=click.Path(path_type=Path),
+              help="Folder for CSV and figures.  [default: recordings/LOOP]")  # fmt: skip
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of tables.")
+def frequency_response(
+    loop: str, overrides: tuple[str, ...], grip: str, ideal: bool, excitation: str | None, amplitude: float | None,
+    from_hz: float, to_hz: float, points: int, out: Path | None, as_json: bool,
+) -> None:  # fmt: skip
+    """Measure a loop's frequency response on the running simulation.
+
+    Writes CSV, Bode and Nyquist figures, with the linear model's response beside the measured one. The bench is not
+    linear: each response belongs to its amplitude, and the coherence says how much of the output it explains.
+    """
+    from cls_bench.report.style import save
+    from cls_bench.stability import figures
+    from cls_bench.stability.response import Excitation, measure
+
+    setup = _setup(overrides, grip, ideal)
+    through_hand = loop == "rendered-admittance"
+    measured = measure(
+        setup, loop,
+        Excitation(
+            excitation or ("chirp" if through_hand else "multisine"), amplitude or (20.0 if through_hand else 1.0),
+            from_hz, to_hz, points,
+        ),
+    )  # fmt: skip
+    folder = _folder(out, loop)
+    written: list[Path] = []
+    found: dict[str, dict[str, float]] = {}
+    try:
+        for kind, response in (("closed", measured.closed), ("open", measured.open)):
+            if response is None:
+                continue
+            path = folder / f"{kind}.csv"
+            response.write_csv(path)
+            written += [path, *save(figures.bode(measured, closed=kind == "closed"), folder / f"bode_{kind}")]
+            found[kind] = _numbers(response, kind, loop)
+        if measured.open is not None:
+            written += save(figures.nyquist(measured), folder / "nyquist")
+    except OSError as error:
+        raise OutputError(f"cannot write {folder}: {error.strerror}") from None
+    if as_json:
+        numbers = {k: {name: _finite(value) for name, value in v.items()} for k, v in found.items()}
+        _echo_json({"loop": loop, "numbers": numbers, "files": [str(path) for path in written]})
+        return
+    rows = [(kind, name, "—" if math.isnan(v) else number(v)) for kind, values in found.items()
+            for name, v in values.items()]  # fmt: skip
+    print_table(("response", "quantity", "value"), rows)
+    for path in written:
+        click.echo(f"  {path}")
+
+
+def _numbers(response: "FrequencyResponse", kind: str, loop: str) -> dict[str, float]:
+    """What is read off a response, with units in the names."""
+    crossover, magnitude = response.phase_crossover()
+    decibel = 20.0 * math.log10(magnitude) if magnitude > 0 else math.nan
+    found = {"lowest coherence": float(response.coherence.min())}
+    if loop == "rendered-admittance":
+        return found
+    if kind == "closed":
+        peak_at, peak = response.resonance()
+        return {
+            "bandwidth (−3 dB) [Hz]": response.bandwidth(), "phase crossover f_180 [Hz]": crossover,
+            "magnitude there M_P180 [dB]": decibel, "resonance peak [dB]": 20.0 * math.log10(peak),
+            "resonance at [Hz]": peak_at, **found,
+        }  # fmt: skip
+    gain, at_gain, phase, at_phase = response.margins()
+    return {
+        "gain margin [dB]": 20.0 * math.log10(gain) if 0 < gain < math.inf else gain, "at [Hz]": at_gain,
+        "phase margin [deg]": math.degrees(phase), "gain crossover [Hz]": at_phase, **found,
+    }  # fmt: skip
+
+
+@click.command()
+@_setup_options
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of tables.")
+def predict(overrides: tuple[str, ...], grip: str, ideal: bool, as_json: bool) -> None:
+    """Predict stability and margins from the linear model, with Eq. 3.16 beside it."""
+    from cls_bench.analysis.prediction import critical
+    from cls_bench.analysis.prediction import predict as predicted
+    from cls_bench.analysis.variation import variation
+
+    setup = _setup(overrides, grip, ideal)
+    p = predicted(setup)
+    critical_at = {
+        name: critical(setup, variation(name))
+        for name in ("feel.inertia", "forward_inertia", "limb_mass", "squeeze", "delay")
+        if setup.hand.squeeze is not None or name in ("feel.inertia", "delay")
+    }
+    if as_json:
+        found = {name: _finite(value) for name, value in dataclasses.asdict(p).items() if name != "rule"}
+        rule = {**dataclasses.asdict(p.rule), "critical_ratio": p.rule.critical_ratio, "stable": p.rule.stable}
+        _echo_json({**found, "rule": {k: _finite(v) for k, v in rule.items()}, "critical": critical_at})
+        return
+    rows = [
+        ("verdict", "stable" if p.stable else "UNSTABLE"),
+        ("oscillation", f"{p.frequency:.1f} Hz, growth rate {p.growth:+.2f} 1/s"),
+        ("gain margin", f"factor {p.gain_margin:.3f} at {p.phase_crossover:.1f} Hz"),
+        ("phase margin", f"{math.degrees(p.phase_margin):.1f}° at {p.gain_crossover:.1f} Hz"),
+        ("Eq. 3.16", f"{'stable' if p.rule.stable else 'unstable'}: I_fwd/I_fcs = {p.rule.ratio:.3f}, "
+                     f"onset at {p.rule.critical_ratio:.3f}"),
+        ("P of the bare column", f"f_180 = {p.rule.crossover:.1f} Hz, "
+                                 f"M_P180 = {20 * math.log10(p.rule.magnitude):.1f} dB"),
+        *((f"critical {name}", "none in its range" if value is None else f"{value:.4g} {variation(name).unit}")
+          for name, value in critical_at.items()),
+    ]  # fmt: skip
+    print_table(("predicted", ""), rows)
+
+
+@click.command()
+@click.option("--vary", default="feel.inertia", show_default=True,
+              help="feel.inertia, limb_mass, forward_inertia, squeeze, delay, or any numeric parameter.")  # fmt: skip
+@click.option("--from", "low", type=float, help="Lower end of the range.")
+@click.option("--to", "high", type=float, help="Upper end of the range.")
+@click.option("--tolerance", type=click.FloatRange(0.0005, 0.2), default=0.02, show_default=True,
+              help="Width of the final bracket over its value.")  # fmt: skip
+@_setup_options
+@_trial_options
+@_controller_option
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of tables.")
+def onset(
+    vary: str, low: float | None, high: float | None, tolerance: float, overrides: tuple[str, ...], grip: str,
+    ideal: bool, rate_deg: float | None, pulse: float | None, seed: int, controller: str | None, as_json: bool,
+) -> None:  # fmt: skip
+    """Search where the running bench turns unstable."""
+    from cls_bench.analysis.variation import variation
+    from cls_bench.stability.onset import find
+
+    quantity = variation(vary, low, high)
+    found = find(
+        _setup(overrides, grip, ideal), quantity, _standard(ideal, rate_deg, pulse, seed), tolerance=tolerance,
+        make_loop=_make_loop(controller), report=_trial_line(quantity.unit, as_json),
+    )  # fmt: skip
+    last = found.last_unstable
+    if as_json:
+        oscillation = None if last is None else {k: _finite(v) for k, v in dataclasses.asdict(last).items()}
+        _echo_json({
+            "vary": vary, "unit": quantity.unit, "onset": found.value, "stable_at": found.stable_at,
+            "unstable_at": found.unstable_at, "predicted": found.predicted, "eq_3_16": found.rule,
+            "oscillation": oscillation, "trials": found.trials, "simulated_s": round(found.simulated, 4),
+        })  # fmt: skip
+        return
+
+    def value(x: float | None) -> str:
+        return "—" if x is None else f"{number(x)} {quantity.unit}"
+
+    if found.value is None:
+        click.echo(
+            f"{'stable' if found.stable_at is not None else 'unstable'} at both ends, "
+            f"{number(quantity.low)} and {number(quantity.high)} {quantity.unit}"
+        )
+    rows = [
+        ("simulated", value(found.value)), ("linear model", value(found.predicted)), ("Eq. 3.16", value(found.rule))
+    ]  # fmt: skip
+    if last is not None:
+        rows.append(
+            (f"at {value(found.unstable_at)}",
+             f"{last.reason}: ±{last.amplitude_deg:.3f}° at {last.frequency:.1f} Hz, {last.growth:+.2f} 1/s")
+        )  # fmt: skip
+    print_table((f"onset over {vary}", ""), rows)
+
+
+def _trial_line(unit: str, quiet: bool) -> Any:
+    def report(value: float, verdict: Any) -> None:
+        if not quiet:
+            said = "stable  " if verdict.stable else "unstable"
+            rate = "" if not math.isfinite(verdict.growth) else f", {verdict.growth:+.2f} 1/s"
+            click.echo(f"{number(value):>8} {unit}: {said} ({verdict.reason}{rate})", err=True)
+
+    return report
+
+
+@click.command("stability-map")
+@click.option("--x", default="feel.inertia", show_default=True, help="Quantity along x, as for onset --vary.")
+@click.option("--y", default="forward_inertia", show_default=True, help="Quantity along y.")
+@click.option("--x-range", type=(float, float), help="Its range.  [default: 0.1 1 for feel.inertia]")
+@click.option("--y-range", type=(float, float), help="Its range.  [default: 0.05 1 for forward_inertia]")
+@click.option("--size", type=(click.IntRange(2, 500), click.IntRange(2, 500)), default=(20, 20), show_default=True,
+              help="Columns and rows.")  # fmt: skip
+@_setup_options
+@_trial_options
+@click.option("--out", type=click.Path(path_type=Path), help="Folder.  [default: recordings/stability-map]")
+@click.option("--resume", is_flag=True, help="Continue a map that was interrupted.")
+@click.option("--scheduler", default="threads", show_default=True, metavar="WHERE",
+              help="threads, threads:N, local-cluster:N, or the tcp:// address of a Dask scheduler.")  # fmt: skip
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of text.")
+def stability_map(
+    x: str, y: str, x_range: tuple[float, float] | None, y_range: tuple[float, float] | None, size: tuple[int, int],
+    overrides: tuple[str, ...], grip: str, ideal: bool, rate_deg: float | None, pulse: float | None, seed: int,
+    out: Path | None, resume: bool, scheduler: str, as_json: bool,
+) -> None:  # fmt: skip
+    """Map stability over two quantities: a trial at each point, beside the linear model and Eq. 3.16.
+
+    Ctrl-C keeps the points that are done, in points.jsonl; --resume continues from there.
+    """
+    from cls_bench.analysis.variation import variation
+    from cls_bench.report.style import save
+    from cls_bench.stability import figures
+    from cls_bench.stability.map import Grid, compute, default_grid, table
+
+    usual = default_grid()
+    axes = []
+    for name, ends, default in ((x, x_range, usual.x), (y, y_range, usual.y)):
+        axes.append(default if ends is None and name == default.name else variation(name, *(ends or (None, None))))
+    folder = _folder(out, "stability-map")
+    journal = folder / "points.jsonl"
+    try:
+        with points_progress(quiet=as_json) as report:
+            result = compute(
+                _setup(overrides, grip, ideal), Grid(axes[0], axes[1], *size),
+                _standard(ideal, rate_deg, pulse, seed), journal=journal, resume=resume, scheduler=scheduler,
+                report=report,
+            )  # fmt: skip
+    except KeyboardInterrupt:
+        click.echo(f"{journal} keeps the points that are done; continue with --resume", err=True)
+        raise
+    path = folder / "map.csv"
+    rows = table(result)
+    columns = list(dict.fromkeys(key for row in rows for key in row))
+    try:
+        with path.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, columns)
+            writer.writeheader()
+            writer.writerows(rows)
+        written = [path, *save(figures.stability_map(result), folder / "map")]
+    except OSError as error:
+        raise OutputError(f"cannot write {folder}: {error.strerror}") from None
+    if as_json:
+        _echo_json({"points": len(rows), "agreement": _finite(result.agreement), "eq_3_16_ratio": result.rule_ratio,
+                    "files": [str(path) for path in written]})  # fmt: skip
+        return
+    stable = sum(bool(row.get("stable")) for row in rows)
+    click.echo(f"{len(rows)} trials, {stable} stable; linear model and simulation agree at {result.agreement:.1%}")
+    for path in written:
+        click.echo(f"  {path}")
+
+
+@click.command()
+@_setup_options
+@_trial_options
+@click.option("--out", type=click.Path(path_type=Path), help="Folder.  [default: recordings/stabilisers]")
+@click.option("--scheduler", default="threads", show_default=True, metavar="WHERE", help="As for stability-map.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of a table.")
+def stabilisers(
+    overrides: tuple[str, ...], grip: str, ideal: bool, rate_deg: float | None, pulse: float | None, seed: int,
+    out: Path | None, scheduler: str, as_json: bool,
+) -> None:  # fmt: skip
+    """Least stable simulated inertia with and without what a designer can do about it."""
+    from cls_bench.report.style import save
+    from cls_bench.stability import figures
+    from cls_bench.stability.stabilisers import HIGHEST, compare
+
+    with points_progress(quiet=as_json) as report:
+        found = compare(
+            _setup(overrides, grip, ideal), _standard(ideal, rate_deg, pulse, seed), scheduler=scheduler, report=report
+        )
+    folder = _folder(out, "stabilisers")
+    try:
+        written = save(figures.stabilisers(found, HIGHEST), folder / "stabilisers")
+    except OSError as error:
+        raise OutputError(f"cannot write {folder}: {error.strerror}") from None
+    if as_json:
+        rows = [{k: _finite(v) for k, v in dataclasses.asdict(row).items()} for row in found]
+        _echo_json({"least_inertia": rows, "files": [str(path) for path in written]})
+        return
+
+    def inertia(value: float) -> str:
+        return "unstable" if math.isinf(value) else "stable" if value == 0 else f"{value:.3f}"
+
+    print_table(
+        ("measure", "simulated [kg·m²]", "linear model", "onset [Hz]"),
+        [(r.name, inertia(r.simulated), inertia(r.predicted), "—" if r.frequency is None else f"{r.frequency:.0f}")
+         for r in found],
+    )  # fmt: skip
+    for path in written:
+        click.echo(f"  {path}")
+
+
+@click.group()
+def check() -> None:
+    """Gates for continuous integration: exit code 0 if passed, 1 if not."""
+
+
+@check.command("onset")
+@click.option("--min-ratio", type=click.FloatRange(0, min_open=True), required=True, metavar="R",
+              help="Least I_fwd / I_fcs at which the bench may turn unstable.")  # fmt: skip
+@click.option("--set", "overrides", metavar="KEY=VALUE", multiple=True, help="Override a parameter.")
+@click.option("--ideal", is_flag=True, help="Without friction, backlash, noise and coarse counts.")
+@_trial_options
+@_controller_option
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of text.")
+@click.pass_context
+def check_onset(
+    ctx: click.Context, min_ratio: float, overrides: tuple[str, ...], ideal: bool, rate_deg: float | None,
+    pulse: float | None, seed: int, controller: str | None, as_json: bool,
+) -> None:  # fmt: skip
+    """Pass if a tight grip stays stable up to I_fwd = R · I_fcs.
+
+    The limb's mass is raised until the running bench turns unstable. I_fcs is feel.inertia, also with a controller of
+    your own.
+    """
+    from cls_bench.analysis.variation import variation
+    from cls_bench.stability.onset import find
+
+    setup = _setup(overrides, "1", ideal)
+    found = find(
+        setup, variation("forward_inertia"), _standard(ideal, rate_deg, pulse, seed),
+        make_loop=_make_loop(controller), follow=False,
+    )  # fmt: skip
+    inertia = setup.parameters.feel.inertia
+    critical = found.value if found.value is not None else 0.0 if found.stable_at is None else math.inf
+    ratio = critical / inertia
+    passed = ratio >= min_ratio
+    if as_json:
+        _echo_json({"status": "passed" if passed else "failed", "ratio": _finite(ratio), "min_ratio": min_ratio,
+                    "critical_forward_inertia": found.value, "feel_inertia": inertia,
+                    "predicted": found.predicted})  # fmt: skip
+    else:
+        low, high = found.vary.low, found.vary.high
+        at = (f"onset at I_fwd = {found.value:.4g} kg·m²" if found.value is not None else
+              f"unstable from I_fwd = {low:g} kg·m² on" if found.stable_at is None else
+              f"stable up to I_fwd = {high:g} kg·m²")  # fmt: skip
+        click.echo(
+            f"{'passed' if passed else 'FAILED'}: {at}, I_fwd / I_fcs = {ratio:.3f}, wanted at least {min_ratio:g}"
+        )
+    ctx.exit(0 if passed else 1)
