@@ -7,6 +7,8 @@ A stage's twist and torque are taken at its output shaft, its friction at its in
     friction = (drag + μ |torque| / r) (1 + ripple sin ψ)
 
 ψ = sun teeth · (input − output) is the mesh phase: the sun's rotation relative to its carrier passes the teeth.
+Where the transmission error changes the twist, it changes the lever too: the contact's torque acts on input and output
+by the derivatives of twist − e sin ψ, so that the spring gives back what it took and no more.
 μ is larger when the load drives the motor than when the motor drives the load. Which of the two holds is told by the
 friction's own direction, so it is defined at standstill too.
 """
@@ -65,12 +67,20 @@ def update_stage(
     input_angle, output_angle = plant.qpos[input_joint], plant.qpos[output_joint]
     input_velocity = plant.qvel[input_joint]
     twist = input_angle / ratio - output_angle
-    rate = input_velocity / ratio - plant.qvel[output_joint]
-    mesh = math.sin(stage.sun_teeth * (input_angle - output_angle))
-
+    phase = stage.sun_teeth * (input_angle - output_angle)
+    mesh = math.sin(phase)
     error = stage.transmission_error * mesh
+
+    # The tendon's coefficients are its levers. Its length then says nothing; the dead zone is placed relative to it.
+    slope = stage.transmission_error * stage.sun_teeth * math.cos(phase)
+    input_lever, output_lever = 1.0 / ratio - slope, slope - 1.0
+    first = plant.tendon_start[tendon]
+    plant.tendon_lever[first], plant.tendon_lever[first + 1] = input_lever, output_lever
+    length = input_lever * input_angle + output_lever * output_angle
+    rate = input_lever * input_velocity + output_lever * plant.qvel[output_joint]
+    middle = length - (twist - error)
     half = 0.5 * stage.backlash
-    torque = set_play(plant, tendon, twist, rate, error - half, error + half, damping)
+    torque = set_play(plant, tendon, length, rate, middle - half, middle + half, damping)
 
     loss = mesh_loss
     if plant.act[bristle] * torque < 0.0:  # friction opposes the load's way: back-driven

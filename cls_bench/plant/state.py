@@ -39,6 +39,8 @@ class Plant(NamedTuple):
     tendon_stiffness: Array  # (4,) [N·m/rad]
     tendon_damping: Array  # (4,) [N·m·s/rad]
     tendon_spring: Array  # (4, 2) lower and upper end of the dead zone [rad]
+    tendon_start: NDArray[np.int32]  # (4,) place of a tendon's first joint in tendon_lever
+    tendon_lever: Array  # (7,) coefficients of the tendons' joints
     gainprm: Array  # (5, 10)
     biasprm: Array  # (5, 10)
     dynprm: Array  # (5, 10)
@@ -69,5 +71,6 @@ def memory(model: mujoco.MjModel, data: mujoco.MjData) -> Plant:
         handle(model), handle(data),
         data.qpos, data.qvel, data.ctrl, data.act, data.actuator_force, data.xpos, data.xquat,
         model.dof_damping, model.tendon_stiffness, model.tendon_damping, model.tendon_lengthspring,
+        model.tendon_adr, model.wrap_prm,
         model.actuator_gainprm, model.actuator_biasprm, model.actuator_dynprm,
     )  # fmt: skip
