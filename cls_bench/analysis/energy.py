@@ -171,7 +171,7 @@ class _Auditor:
 
     def _close(self, s: dict[str, Array]) -> None:
         """Close the books on all ticks but the first and last two of ``s``."""
-        p, r = self.p, self.p.gearbox.ratio
+        p = self.p
 
         def rate(name: str) -> Array:
             return (s[name][2:-1] - s[name][:-3]) / (2.0 * TICK_S)  # central, at ticks 1 … n − 3
@@ -179,7 +179,7 @@ class _Auditor:
         def now(name: str) -> Array:
             return s[name][1:-2]
 
-        theta, alpha, psi, phi, stretch = (rate(name) for name in ("theta", "alpha", "psi", "phi", "stretch"))
+        theta, alpha, phi, stretch = (rate(name) for name in ("theta", "alpha", "phi", "stretch"))
         motor, hand = now("motor") * theta, now("hand") * phi
         audit = self.audit
         audit.duration += len(phi) * TICK_S
@@ -188,14 +188,14 @@ class _Auditor:
         audit.throughput += float(np.sum(np.abs(motor) + np.abs(hand))) * TICK_S
         audit.copper_loss += p.motor.resistance * float(np.sum(now("current") ** 2)) * TICK_S
 
-        spring1, elastic1 = self._mesh(p.gearbox.stage1, s["theta"], s["alpha"])
-        spring2, elastic2 = self._mesh(p.gearbox.stage2, s["alpha"], s["psi"])
+        lost1, elastic1 = self._mesh(p.gearbox.stage1, s["theta"], s["alpha"], s["torque1"])
+        lost2, elastic2 = self._mesh(p.gearbox.stage2, s["alpha"], s["psi"], s["torque2"])
         stop, elastic_stop = self._stop(s["phi"])
         lost = {
             "stage 1 friction": now("friction1") * theta,
             "stage 2 friction": now("friction2") * alpha,
-            "stage 1 mesh": (now("torque1") - spring1[1:-2]) * (theta / r - alpha),
-            "stage 2 mesh": (now("torque2") - spring2[1:-2]) * (alpha / r - psi),
+            "stage 1 mesh": lost1,
+            "stage 2 mesh": lost2,
             "load cell": (now("force") - p.load_cell.stiffness * now("stretch")) * stretch,
             "column bearing": (now("bearing") + p.column.viscous_friction * phi) * phi,
             "stop blocks": stop[1:-2] * phi,
@@ -217,12 +217,13 @@ class _Auditor:
             audit.losses[name] = self.lost[name]
         self._store(s, elastic)
 
-    def _mesh(self, stage: GearStage, before: Array, behind: Array) -> tuple[Array, Array]:
-        """Spring torque [N·m] and elastic energy [J] of a mesh."""
+    def _mesh(self, stage: GearStage, before: Array, behind: Array, torque: Array) -> tuple[Array, Array]:
+        """Power lost in the damping of a mesh [W] at the closed ticks, and its elastic energy [J]."""
         twist = before / self.p.gearbox.ratio - behind
         twist = twist - stage.transmission_error * np.sin(stage.sun_teeth * (before - behind))
         beyond = np.sign(twist) * np.maximum(np.abs(twist) - 0.5 * stage.backlash, 0.0)
-        return stage.stiffness * beyond, 0.5 * stage.stiffness * beyond**2
+        damper = torque - stage.stiffness * beyond
+        return damper[1:-2] * (twist[2:-1] - twist[:-3]) / (2.0 * TICK_S), 0.5 * stage.stiffness * beyond**2
 
     def _stop(self, phi: Array) -> tuple[Array, Array]:
         """Damping torque [N·m] and elastic energy [J] of the stop blocks."""

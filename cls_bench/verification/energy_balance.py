@@ -82,6 +82,6 @@ def balance(subject: Subject) -> Iterator[Row]:
         audit = energy.audit(Bench(subject.alter(p), seed=scenario.seed).run(scenario), p)
         yield Row(GROUP, f"{name}: energy not accounted for, of the throughput", "1", 0.0, "first law",
                   audit.relative_residual, 0.005, relative=False)  # fmt: skip
-        given_back = max(max(audit.returned.values()), -min(audit.losses.values())) / audit.throughput
+        given_back = max(*audit.returned.values(), -min(audit.losses.values())) / audit.throughput
         yield Row(GROUP, f"{name}: most that a loss gave back, of the throughput", "1", 0.0, "second law",
                   given_back, 1e-4, relative=False)  # fmt: skip

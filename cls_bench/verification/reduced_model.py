@@ -8,8 +8,8 @@ follows from the two joints it lies between, so the linkage needs no constraint:
     stretch of the load cell  s = ρ − L,   its force  S = c s + k ṡ
     far mass (rod's share on the crank's side of the strain gauge, at the column joint)  P = C1 + L u
 
-    J_M θ̈ = τ − F1 − T1/r          T1 = mesh(θ/r − α)      F1 = LuGre on θ̇
-    J_1 α̈ = T1 − F2 − T2/r         T2 = mesh(α/r − ψ)      F2 = LuGre on α̇
+    J_M θ̈ = τ − F1 − T1 ∂x1/∂θ             x1 = θ/r − α − e1 sin N(θ − α),  T1 = mesh(x1),  F1 = LuGre on θ̇
+    J_1 α̈ = −T1 ∂x1/∂α − F2 − T2 ∂x2/∂α    x2 = α/r − ψ − e2 sin N(α − ψ),  T2 = mesh(x2),  F2 = LuGre on α̇
     ψ, φ:  Lagrange's equations of crank, far mass, rod end and column with S, gravity and bearing
 
 It shares the parameters with the bench and nothing else: no MuJoCo, no law of ``cls_bench.plant``. The tests' records
@@ -169,24 +169,25 @@ def _lugre(
 
 @compiled
 def _stage(c: Constants, m: Mesh, before: float, behind: float, v_before: float, v_behind: float, z: float) -> Any:
-    """Torque of a mesh at its output, friction at its input, bristle rate."""
+    """Torque of a mesh on the shaft before and on the shaft behind, friction on the shaft before, bristle rate."""
     wave = math.sin(m.teeth * (before - behind))
-    rate = v_before / c.ratio - v_behind
+    slope = m.error * m.teeth * math.cos(m.teeth * (before - behind))
+    rate = v_before / c.ratio - v_behind - slope * (v_before - v_behind)
     torque = _contact(before / c.ratio - behind - m.error * wave, rate, m.half, m.stiffness, m.damping)
     loss = c.loss * (c.back if z * torque < 0.0 else 1.0)
     level = (m.drag + loss * abs(torque) / c.ratio) * (1.0 + m.ripple * wave)
     friction, z_rate = _lugre(
         z, v_before, level, level * c.breakaway, c.mesh_stribeck, c.mesh_bristle, c.mesh_bristle_damping
     )
-    return torque, friction, z_rate
+    return torque * (slope - 1.0 / c.ratio), torque * (1.0 - slope), friction, z_rate
 
 
 @compiled
 def derivative(c: Constants, y: Any, motor: float, hand: float, out: Any) -> None:
     """Write the derivative of the state ``y`` under motor and hand torque [N·m] to ``out``."""
     psi, phi, v_psi, v_phi = y[2], y[3], y[6], y[7]
-    torque1, friction1, out[8] = _stage(c, c.stage1, y[0], y[1], y[4], y[5], y[8])
-    torque2, friction2, out[9] = _stage(c, c.stage2, y[1], y[2], y[5], y[6], y[9])
+    on_motor, on_carrier, friction1, out[8] = _stage(c, c.stage1, y[0], y[1], y[4], y[5], y[8])
+    back_on_carrier, on_crank, friction2, out[9] = _stage(c, c.stage2, y[1], y[2], y[5], y[6], y[9])
     bearing, out[10] = _lugre(
         y[10], v_phi, c.coulomb, c.coulomb, c.bearing_stribeck, c.bearing_bristle, c.bearing_bristle_damping
     )
@@ -218,15 +219,15 @@ def derivative(c: Constants, y: Any, motor: float, hand: float, out: Any) -> Non
     m11 = c.crank_inertia + m * (jx1 * jx1 + jz1 * jz1)
     m12 = m * (jx1 * jx2 + jz1 * jz2)
     m22 = c.column_inertia + m * (jx2 * jx2 + jz2 * jz2)
-    f1 = torque2 + pull * along1 + c.crank_weight * s1 - m * (jx1 * bx + jz1 * (bz + GRAVITY))
+    f1 = on_crank + pull * along1 + c.crank_weight * s1 - m * (jx1 * bx + jz1 * (bz + GRAVITY))
     f2 = (
         hand - bearing - c.viscous * v_phi - stop - pull * along2 + c.column_weight * s2
         - m * (jx2 * bx + jz2 * (bz + GRAVITY))
     )  # fmt: skip
     determinant = m11 * m22 - m12 * m12
     out[0], out[1], out[2], out[3] = y[4], y[5], y[6], y[7]
-    out[4] = (motor - friction1 - torque1 / c.ratio) / c.motor_inertia
-    out[5] = (torque1 - friction2 - torque2 / c.ratio) / c.carrier_inertia
+    out[4] = (motor - friction1 + on_motor) / c.motor_inertia
+    out[5] = (on_carrier - friction2 + back_on_carrier) / c.carrier_inertia
     out[6] = (m22 * f1 - m12 * f2) / determinant
     out[7] = (m11 * f2 - m12 * f1) / determinant
 
