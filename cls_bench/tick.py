@@ -207,12 +207,20 @@ def advance(
             trace.drive[row // VELOCITY_TICKS, 7] = plant.actuator_force[MOTOR_DRIVE]
         if tick % POSE_TICKS == 0:
             at = tick // POSE_TICKS - (block_tick + POSE_TICKS - 1) // POSE_TICKS
-            trace.poses[at, :, :3] = plant.xpos
-            trace.poses[at, :, 3:] = plant.xquat
+            _trace_poses(plant, trace.poses, at)
         for _ in range(1, p.simulation.substeps):
             plant_model.update(plant, p, constants.mesh_loss, constants.dampings, attached, squeeze)
             mj_step(plant.model, plant.data)
     return ticks
+
+
+@compiled
+def _trace_poses(plant: Plant, poses: NDArray[np.float64], at: int) -> None:
+    for body in range(plant.xpos.shape[0]):
+        for k in range(3):
+            poses[at, body, k] = plant.xpos[body, k]
+        for k in range(4):
+            poses[at, body, 3 + k] = plant.xquat[body, k]
 
 
 @compiled
