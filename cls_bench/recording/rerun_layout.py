@@ -40,7 +40,7 @@ HAND_STATES = {"let go": (90, 98, 106), "loose": (148, 118, 62), "firm": (196, 1
 LEVEL_COLORS = {"info": (90, 98, 106), "warning": STAGE2, "error": (213, 64, 50)}
 """States in the lanes and their colours."""
 
-_EYE, _LOOK_TARGET = (0.33, -0.66, 0.66), (-0.09, 0.03, 0.40)  # [m]
+_EYE, _LOOK_TARGET = (0.36, -0.74, 0.69), (-0.09, 0.03, 0.365)  # [m]
 
 DEGREES = 180.0 / np.pi
 RPM = 30.0 / np.pi

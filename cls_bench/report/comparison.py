@@ -72,8 +72,8 @@ def overlays(first: RecordedRun, second: RecordedRun, signals: Sequence[str], sp
         time = windows[0].time[:rows]
         a, b = (window[signal][:rows] / scale for window in windows)
         figure, (ax, below) = new_figure(2, height=4.8, shares=(3, 1.4))
-        ax.plot(*thin(time, a), color=COLOR["measured"], label="A")
-        ax.plot(*thin(time, b), color=COLOR["model"], ls=(0, (4, 3)), label="B")
+        ax.plot(*thin(time, a), color=COLOR["measured"], lw=2.4, label="A")
+        ax.plot(*thin(time, b), color=COLOR["model"], lw=1.0, label="B")
         ax.set_ylabel(f"{name.replace('_', ' ')} [{unit}]")
         legend(ax, columns=2, place="upper right")
         room_above(ax, 0.15)

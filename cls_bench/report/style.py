@@ -166,12 +166,21 @@ def _svg_text(figure: Figure, name: str) -> str:
 
 def save(figure: Figure, stem: Path) -> tuple[Path, Path]:
     """Write ``stem.svg`` and ``stem.png`` on white paper; returns both paths. Raises OSError."""
-    svg_path, png_path = stem.with_suffix(".svg"), stem.with_suffix(".png")
+    svg_path, png_path = stem.with_name(f"{stem.name}.svg"), stem.with_name(f"{stem.name}.png")
+    _save(figure, svg_path, metadata={"Date": None, "Creator": None})
+    save_png(figure, png_path)
+    return svg_path, png_path
+
+
+def save_png(figure: Figure, path: Path) -> None:
+    """Write the figure on white paper. Raises OSError."""
+    _save(figure, path, dpi=160, metadata={"Software": None})
+
+
+def _save(figure: Figure, path: Path, **options: Any) -> None:
     figure.set_facecolor("white")
     try:
-        with mpl.rc_context({**_RC, "savefig.facecolor": "auto", "svg.hashsalt": stem.name}):
-            figure.savefig(svg_path, metadata={"Date": None, "Creator": None})
-            figure.savefig(png_path, dpi=160, metadata={"Software": None})
+        with mpl.rc_context({**_RC, "savefig.facecolor": "auto", "svg.hashsalt": path.stem}):
+            figure.savefig(path, **options)
     finally:
         figure.set_facecolor("none")
-    return svg_path, png_path
