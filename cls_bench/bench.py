@@ -4,6 +4,7 @@ import math
 import platform
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from functools import cached_property
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import mujoco
@@ -90,10 +91,10 @@ class Bench:
             raise InputError(f"controller {type(controller).__name__} has no method step(inputs)")
         self.controller = controller
         try:
-            self._spec = plant_model.build_spec(parameters)
-            self.model: Any = self._spec.compile()
+            self.model: Any = plant_model.stepped_spec(parameters).compile()
         except ValueError as error:
             raise InputError(f"these parameters make no valid model: {str(error).splitlines()[0]}") from None
+        self._built = parameters
         self.data: Any = mujoco.MjData(self.model)
         self.plant = state.view(self.model, self.data)
         self._rng = np.random.Generator(np.random.PCG64(seed))
@@ -123,7 +124,14 @@ class Bench:
     def mjcf(self) -> Mapping[str, bytes]:
         """The complete model as run, and the files it was made from, by file name."""
         files = {name: (model_folder() / name).read_bytes() for name in ("cls_bench.xml", "scene.xml")}
-        return {"bench_as_run.xml": self._spec.to_xml().encode(), **files}
+        spec, _ = self._drawn
+        return {"bench_as_run.xml": spec.to_xml().encode(), **files}
+
+    @cached_property
+    def _drawn(self) -> tuple[mujoco.MjSpec, Any]:
+        """The same bench with all that is to be seen of it."""
+        spec = plant_model.build_spec(self._built)
+        return spec, spec.compile()
 
     @property
     def body_names(self) -> tuple[str, ...]:
@@ -133,7 +141,7 @@ class Bench:
     @property
     def geoms(self) -> tuple[Geom, ...]:
         """The shapes of all bodies."""
-        m = self.model
+        _, m = self._drawn
 
         def numbers(values: Any) -> Any:
             return tuple(float(v) for v in values)

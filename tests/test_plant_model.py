@@ -114,3 +114,23 @@ def test_a_damped_tendon_adds_no_inertia():
     for _ in range(200):
         rig.step()
     assert rig.data.qvel / (10.0 * rig.data.time) == pytest.approx([1.0, 1.0], rel=1e-4)
+
+
+def test_without_its_looks_the_bench_moves_the_same():
+    """Shapes, sites, cameras and lights are left out where it is stepped; nothing else may change by that."""
+    looked_at, stepped = (
+        spec.compile() for spec in (plant_model.build_spec(Parameters()), plant_model.stepped_spec(Parameters()))
+    )
+    assert looked_at.ngeom > 30
+    assert stepped.ngeom == stepped.nsite == stepped.ncam == stepped.nlight == 0
+    names = [[model.body(i).name for i in range(model.nbody)] for model in (looked_at, stepped)]
+    assert names[0] == names[1]
+    paths = []
+    for model in (looked_at, stepped):
+        data = mujoco.MjData(model)
+        data.ctrl[0] = 12.0
+        mujoco.mj_step(model, data, 400)
+        paths.append((data.qpos.copy(), data.qvel.copy(), data.act.copy(), data.xpos.copy()))
+    assert abs(paths[0][0][0]) > 0.01
+    for one, other in zip(*paths, strict=True):
+        np.testing.assert_array_equal(one, other)
