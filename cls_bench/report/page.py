@@ -13,7 +13,8 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
-from cls_bench.errors import OutputError
+from cls_bench.analysis import energy
+from cls_bench.errors import InputError, OutputError
 from cls_bench.experiment import CheckResult
 from cls_bench.report import style
 from cls_bench.report.figures import Picture, pictures
@@ -168,7 +169,31 @@ def _check(result: CheckResult) -> dict[str, str]:
 
 
 def _sections(run: RecordedRun) -> list[Section]:
-    return [section for section in (_parameters(run), _changes(run), _events(run), _timing(run)) if section]
+    return [
+        section for section in (_energy(run), _parameters(run), _changes(run), _events(run), _timing(run)) if section
+    ]
+
+
+def _energy(run: RecordedRun) -> Section:
+    """Where the energy went."""
+    title = "Energy"
+    try:
+        audit = energy.audit(run.recording.blocks(), run.scenario.parameters_at_start())
+    except InputError as error:
+        return Section(title, f"{error}.")
+    entries = [
+        *((f"work of the {name}", value) for name, value in audit.work.items()),
+        *((f"lost: {name}", value) for name, value in audit.losses.items()),
+        ("more stored at the end than at the start", sum(audit.stored.values())),
+        ("does not balance", audit.residual),
+        ("beside it: heat in the winding", audit.copper_loss),
+    ]
+    rows = [(name, number(value), number(value / audit.duration)) for name, value in entries]
+    text = (
+        "What motor and hand put into the mechanism, and where it went, from the recorded signals alone. The books "
+        f"balance to {abs(audit.relative_residual):.2g} of the {number(audit.throughput)} J that passed through."
+    )
+    return Section(title, text, (("", "energy [J]", "mean power [W]"), *rows))
 
 
 def _parameters(run: RecordedRun) -> Section:
