@@ -12,10 +12,10 @@ demo: $(VENV)/.installed  ## Run the friction masking experiment of the thesis
 	$(BIN)/cls-bench run friction_masking
 
 test: $(VENV)/.installed-dev  ## Run the tests
-	$(BIN)/python -m pytest -m "not slow"
+	$(BIN)/python -m pytest -n auto --dist loadfile -m "not slow"
 
 test-slow: $(VENV)/.installed-dev  ## Run all tests, the slow ones too
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n auto --dist loadfile
 
 lint: $(VENV)/.installed-dev  ## Style, types and import contracts
 	$(BIN)/ruff check .
