@@ -92,7 +92,7 @@ class Verdict:
 
     stable: bool
     growth: float
-    """growth rate on which the verdict rests [1/s]; NaN if a trip ended the run before it could be fitted"""
+    """growth rate on which the verdict rests [1/s]; NaN where there was too little of an oscillation to fit"""
     frequency: float
     """of the oscillation [Hz]"""
     amplitude_deg: float
@@ -165,6 +165,13 @@ class _Fit:
     mode: Mode
 
 
+def _slope(fits: list[_Fit]) -> float:
+    """Growth rate of the amplitude from fit to fit [1/s]; NaN for fewer than two."""
+    if len(fits) < 2:
+        return math.nan
+    return float(np.polyfit([fit.time for fit in fits], [math.log(fit.mode.amplitude) for fit in fits], 1)[0])
+
+
 class _Watch:
     """Collects the column's motion and fits it window by window."""
 
@@ -222,10 +229,7 @@ class _Watch:
 
     def trend(self) -> float:
         """Growth rate of the amplitude over the second half of the fits [1/s]."""
-        half = [fit for fit in self._fits[len(self._fits) // 2 :] if fit.mode.amplitude > 0]
-        if len(half) < 2:
-            return math.nan
-        return float(np.polyfit([fit.time for fit in half], [math.log(fit.mode.amplitude) for fit in half], 1)[0])
+        return _slope([fit for fit in self._fits[len(self._fits) // 2 :] if fit.mode.amplitude > 0])
 
     def _kept(self, fit: _Fit) -> float:
         """Amplitude over the one with which the feel model alone would swing after the pulse at that frequency."""
@@ -241,4 +245,7 @@ class _Watch:
         last = self._fits[-1].mode
         rates = [fit.mode.growth for fit in self._fits[-4:]]
         growth = float(np.mean(rates)) if reason in ("decays", "grows") else self.trend()
+        if reason == "dies out":  # while there was something to see
+            seen = [fit for fit in self._fits if self._kept(fit) > KEPT]
+            growth = _slope(seen)
         return Verdict(stable, growth, last.frequency, math.degrees(last.amplitude), simulated, reason)
