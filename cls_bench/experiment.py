@@ -202,7 +202,7 @@ def run_info(scenario: Scenario, bench: Bench) -> RunInfo:
     return RunInfo(
         scenario_name=scenario.name,
         scenario_toml=scenario.source,
-        mjcf=bench.mjcf,
+        mjcf={**bench.mjcf, **scenario.sample_files},
         parameters=bench.parameters.model_dump(),
         metadata={
             "title": scenario.title, "seed": str(scenario.seed), "overrides": "\n".join(scenario.overrides),

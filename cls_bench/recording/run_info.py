@@ -15,7 +15,7 @@ class RunInfo:
     scenario_toml: bytes
     """the scenario file as read"""
     mjcf: Mapping[str, bytes]
-    """model files: name -> content"""
+    """files that shaped the run: the model's, and the sample files that the scenario names; name -> content"""
     parameters: Mapping[str, Any]
     """all parameters of the run; must be representable in JSON"""
     metadata: Mapping[str, str]

@@ -84,7 +84,7 @@ def write_comparison(
     page = folder / f"{first.path.stem}--{second.path.stem}.html"
     runs = [("", "recording", "scenario", "verdict")]
     runs += [(name, run.path.name, run.scenario.title, run.verdict) for name, run in (("A", first), ("B", second))]
-    shown = [Shown(p.title, p.caption, _inline(p, f"compare_{p.name}"), p.table, ()) for p in pictures]
+    shown = [Shown(p.title, p.caption, _inline(p, style.svg(p.figure, p.name)), p.table, ()) for p in pictures]
     text = _render("compare.html", title="Two runs compared", runs=runs, sections=sections, pictures=shown)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -119,12 +119,10 @@ def _run(run: RecordedRun, folder: Path, number: int) -> dict[str, Any]:
     figures.mkdir(exist_ok=True)
     shown = []
     for picture in pictures(run):
-        files = [
-            (path.suffix[1:].upper(), f"{figures.name}/{path.name}")
-            for path in style.save(picture.figure, figures / picture.name)
-        ]
-        svg = _inline(picture, f"{picture.name}_{number}")
-        shown.append(Shown(picture.title, picture.caption, svg, picture.table, files))
+        document = style.svg(picture.figure, f"{picture.name}_{number}")
+        paths = style.save(picture.figure, document, figures / picture.name)
+        files = [(path.suffix[1:].upper(), f"{figures.name}/{path.name}") for path in paths]
+        shown.append(Shown(picture.title, picture.caption, _inline(picture, document), picture.table, files))
     recording, scenario = run.recording, run.scenario
     return {
         "anchor": f"run{number}", "title": scenario.title, "verdict": run.verdict,
@@ -135,10 +133,9 @@ def _run(run: RecordedRun, folder: Path, number: int) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _inline(picture: Picture, name: str) -> Markup:
-    svg = style.svg(picture.figure, name)
+def _inline(picture: Picture, document: str) -> Markup:
     label = Markup.escape(picture.title)
-    return Markup(svg.replace("<svg", f'<svg role="img" aria-label="{label}"', 1))
+    return Markup(style.inline(document).replace("<svg", f'<svg role="img" aria-label="{label}"', 1))
 
 
 def _facts(run: RecordedRun) -> str:

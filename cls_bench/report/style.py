@@ -145,9 +145,16 @@ def thin_path(x: Array, y: Array) -> tuple[Array, Array]:
 
 
 def svg(figure: Figure, name: str) -> str:
-    """The figure as an ``<svg>`` element whose colours are the page's variables; ``name`` is unique on the page."""
-    text = _svg_text(figure, name)
-    text = text[text.index("<svg") :]
+    """The figure as an SVG document without background; ``name`` is unique on the page that will show it."""
+    buffer = io.StringIO()
+    with mpl.rc_context({**_RC, "svg.hashsalt": name}):
+        figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+    return buffer.getvalue()
+
+
+def inline(document: str) -> str:
+    """An SVG document as an element of a page: as wide as there is room, its colours the page's variables."""
+    text = document[document.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
     text = re.sub(r'<g id="[^"]*"', "<g", text)  # they repeat from figure to figure, and no one refers to them
     head, rest = text.split(">", 1)
@@ -157,30 +164,19 @@ def svg(figure: Figure, name: str) -> str:
     return text
 
 
-def _svg_text(figure: Figure, name: str) -> str:
-    buffer = io.StringIO()
-    with mpl.rc_context({**_RC, "svg.hashsalt": name}):
-        figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
-    return buffer.getvalue()
-
-
-def save(figure: Figure, stem: Path) -> tuple[Path, Path]:
-    """Write ``stem.svg`` and ``stem.png`` on white paper; returns both paths. Raises OSError."""
+def save(figure: Figure, document: str, stem: Path) -> tuple[Path, Path]:
+    """Write ``stem.svg`` from the figure's SVG document and ``stem.png``; returns both paths. Raises OSError."""
     svg_path, png_path = stem.with_name(f"{stem.name}.svg"), stem.with_name(f"{stem.name}.png")
-    _save(figure, svg_path, metadata={"Date": None, "Creator": None})
+    svg_path.write_text(document.replace("<svg ", '<svg style="background: white" ', 1), encoding="utf-8")
     save_png(figure, png_path)
     return svg_path, png_path
 
 
 def save_png(figure: Figure, path: Path) -> None:
     """Write the figure on white paper. Raises OSError."""
-    _save(figure, path, dpi=160, metadata={"Software": None})
-
-
-def _save(figure: Figure, path: Path, **options: Any) -> None:
     figure.set_facecolor("white")
     try:
-        with mpl.rc_context({**_RC, "savefig.facecolor": "auto", "svg.hashsalt": path.stem}):
-            figure.savefig(path, **options)
+        with mpl.rc_context({**_RC, "savefig.facecolor": "auto"}):
+            figure.savefig(path, dpi=160, metadata={"Software": None})
     finally:
         figure.set_facecolor("none")
