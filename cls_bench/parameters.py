@@ -209,9 +209,9 @@ class Gearbox(Section):
 class Linkage(Section):
     """Four-bar linkage: crank on the gearbox, connecting rod with load cell, arm on the column."""
 
-    crank: float = quantity(0.100, "m", "crank", "thesis table 3.1", gt=0)
-    rod: float = quantity(0.209, "m", "connecting rod", "thesis table 3.1", gt=0)
-    arm: float = quantity(0.175, "m", "column axis to rod joint", "thesis table 3.1", gt=0)
+    crank: float = quantity(0.100, "m", "crank", "thesis table 3.1", ge=0.01, le=2)
+    rod: float = quantity(0.209, "m", "connecting rod", "thesis table 3.1", ge=0.01, le=2)
+    arm: float = quantity(0.175, "m", "column axis to rod joint", "thesis table 3.1", ge=0.01, le=2)
     crank_inertia: float = quantity(9.40e-4, "kg·m²", "crank about its axis", "thesis table 3.3", gt=0)
     rod_crank_mass: float = quantity(
         0.125, "kg", "share of the rod's mass at the crank joint", "thesis table 3.3: 1.25e-3 kg·m² / (0.100 m)²", gt=0
@@ -364,7 +364,7 @@ class Potentiometer(Section):
 class Drive(Section):
     """B&R ACOPOS servo drive: power stage, limits and cascade (thesis 3.6.1)."""
 
-    dc_bus_voltage: float = quantity(325.0, "V", "DC bus", "thesis table 3.2: 230 V mains, rectified (√2)", gt=0)
+    dc_bus_voltage: float = quantity(325.0, "V", "DC bus", "thesis table 3.2: 230 V mains, rectified (√2)", gt=0, le=1000)
     modulation: float = quantity(
         0.883, "1", "usable part of the linear range of space-vector modulation",
         "assumed: with it the no-load speed is the data sheet's 11 400 rpm", gt=0, le=1,
