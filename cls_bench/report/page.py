@@ -120,7 +120,7 @@ def _run(run: RecordedRun, folder: Path, number: int) -> dict[str, Any]:
     shown = []
     for picture in pictures(run):
         document = style.svg(picture.figure, f"{picture.name}_{number}")
-        paths = style.save(picture.figure, document, figures / picture.name)
+        paths = style.save(picture.figure, figures / picture.name, document)
         files = [(path.suffix[1:].upper(), f"{figures.name}/{path.name}") for path in paths]
         shown.append(Shown(picture.title, picture.caption, _inline(picture, document), picture.table, files))
     recording, scenario = run.recording, run.scenario

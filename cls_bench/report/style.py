@@ -164,9 +164,13 @@ def inline(document: str) -> str:
     return text
 
 
-def save(figure: Figure, document: str, stem: Path) -> tuple[Path, Path]:
-    """Write ``stem.svg`` from the figure's SVG document and ``stem.png``; returns both paths. Raises OSError."""
+def save(figure: Figure, stem: Path, document: str | None = None) -> tuple[Path, Path]:
+    """Write ``stem.svg`` and ``stem.png`` on white paper; returns both paths. Raises OSError.
+
+    ``document`` is what :func:`svg` gave for the figure, if that was called already.
+    """
     svg_path, png_path = stem.with_name(f"{stem.name}.svg"), stem.with_name(f"{stem.name}.png")
+    document = document or svg(figure, stem.name)
     svg_path.write_text(document.replace("<svg ", '<svg style="background: white" ', 1), encoding="utf-8")
     save_png(figure, png_path)
     return svg_path, png_path
