@@ -23,6 +23,7 @@ from cls_bench.plant import sensors, state
 from cls_bench.resources import model_folder
 from cls_bench.scenario import Change, Scenario, tick_of
 from cls_bench.signals import PLC_TICKS, POSE_TICKS, TICK_S, TOPICS, VELOCITY_S, Block, Event
+from cls_bench.step_limit import check_step
 
 BLOCK_TICKS = 500 * PLC_TICKS
 """Longest block: 0.2 s. A killed run loses at most this much."""
@@ -90,6 +91,7 @@ class Bench:
         if controller is not None and not isinstance(controller, OuterLoop):
             raise InputError(f"controller {type(controller).__name__} has no method step(inputs)")
         self.controller = controller
+        check_step(parameters)
         try:
             self.model: Any = plant_model.stepped_spec(parameters).compile()
         except ValueError as error:

@@ -364,7 +364,9 @@ class Potentiometer(Section):
 class Drive(Section):
     """B&R ACOPOS servo drive: power stage, limits and cascade (thesis 3.6.1)."""
 
-    dc_bus_voltage: float = quantity(325.0, "V", "DC bus", "thesis table 3.2: 230 V mains, rectified (√2)", gt=0, le=1000)
+    dc_bus_voltage: float = quantity(
+        325.0, "V", "DC bus", "thesis table 3.2: 230 V mains, rectified (√2)", gt=0, le=1000
+    )
     modulation: float = quantity(
         0.883, "1", "usable part of the linear range of space-vector modulation",
         "assumed: with it the no-load speed is the data sheet's 11 400 rpm", gt=0, le=1,

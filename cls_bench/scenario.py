@@ -37,6 +37,7 @@ from cls_bench.errors import InputError
 from cls_bench.parameters import Parameters, Section, leaves
 from cls_bench.resources import shipped_scenarios
 from cls_bench.signals import TICK_S, TOPICS
+from cls_bench.step_limit import unstable_parameter
 
 Time = Annotated[float, Field(ge=0, le=3600)]
 Span = Annotated[float, Field(gt=0, le=3600)]
@@ -721,8 +722,16 @@ def _check(scenario: Scenario) -> None:
                 f"checks[{k}].name", f"{_shown(check.name)} is the name of an earlier check; names are unique"
             )
     parameters = _at("parameters", Parameters(), scenario.parameters)
+    _check_step("parameters", parameters)
     for k, change in enumerate(scenario.changes):
-        parameters = _at(f"changes[{k}].parameters", parameters, change.parameters, live_only=True)
+        key = f"changes[{k}].parameters"
+        parameters = _at(key, parameters, change.parameters, live_only=True)
+        _check_step(key, parameters)
+
+
+def _check_step(key: str, parameters: Parameters) -> None:
+    if (found := unstable_parameter(parameters)) is not None:
+        raise _FaultError(f"{key}.{found[0]}", found[1])
 
 
 # --- parameters ------------------------------------------------------------------------------------------------------

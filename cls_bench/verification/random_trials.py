@@ -1,0 +1,115 @@
+"""Random sets of parameters: each runs with finite states and no warning of MuJoCo, or is refused with a reason."""
+
+import math
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+
+from cls_bench.bench import Bench
+from cls_bench.errors import InputError
+from cls_bench.parameters import Parameters, Section
+from cls_bench.scenario import parse_scenario
+from cls_bench.verification.row import Row
+from cls_bench.verification.subject import Subject
+
+GROUP = "random trials"
+TRIALS = 60
+
+SCENARIO = """
+    title = "random trial"
+    duration = 0.2
+    [[hand]]
+    at = 0.0
+    kind = "step"
+    to_N = 40.0
+    [[squeeze]]
+    at = 0.05
+    value = 1.0
+    [[hand]]
+    at = 0.15
+    kind = "release"
+"""
+"""A push, a grip that tightens, and a release: contacts close, friction reverses, the controller works."""
+
+Draw = Callable[[], float]
+"""A number from 0 to 1."""
+
+
+def random_parameters(draw: Draw, *, bold: float = 0.1) -> Parameters:
+    """Parameters about the defaults, each within its declared bounds.
+
+    Most lie within 10 % of their default; a share ``bold`` of them anywhere within three decades on either
+    side, as far as their bounds allow. Raises ValueError where they contradict each other, as pydantic does.
+    """
+    return Parameters(**_sections(Parameters(), draw, bold))
+
+
+def _sections(section: Section, draw: Draw, bold: float) -> dict[str, Any]:
+    values: dict[str, Any] = {}
+    for name, info in type(section).model_fields.items():
+        default = getattr(section, name)
+        if isinstance(default, Section):
+            values[name] = type(default)(**_sections(default, draw, bold))
+        elif isinstance(default, bool):
+            values[name] = default if draw() > bold else not default
+        elif isinstance(default, int | float):
+            values[name] = _number(default, _bounds(info.metadata), draw, bold)
+        else:
+            values[name] = default
+    return values
+
+
+def _bounds(metadata: list[Any]) -> tuple[float, float]:
+    low, high = -math.inf, math.inf
+    for bound in metadata:
+        low = max(low, getattr(bound, "ge", -math.inf), getattr(bound, "gt", -math.inf))
+        high = min(high, getattr(bound, "le", math.inf), getattr(bound, "lt", math.inf))
+    return low, high
+
+
+def _number(default: float, bounds: tuple[float, float], draw: Draw, bold: float) -> Any:
+    reach = 1000.0 if draw() < bold else 1.1
+    exponent = 2.0 * draw() - 1.0
+    value = default * reach**exponent if default else (draw() if reach > 1.1 else 0.0)
+    low, high = bounds
+    # Bounds may be open: keep a little away from them.
+    inside = 1e-9 * max(1.0, abs(value))
+    value = min(max(value, low + inside), high - inside)
+    return round(value) if isinstance(default, int) else value
+
+
+def trial(parameters: Parameters, seed: int) -> str:
+    """Outcome of 0.2 s with ``parameters``: ``"ran"``, ``"refused: …"``, or what went wrong."""
+    scenario = parse_scenario(SCENARIO)
+    try:
+        bench = Bench(parameters, seed=seed)
+    except InputError as error:
+        return f"refused: {error}"
+    try:
+        for block in bench.run(scenario):
+            for topic, rows in block:
+                if not np.all(np.isfinite(rows)):
+                    return f"not finite: {topic.path}"
+    except Exception as error:  # whatever it is, it is the result of the trial
+        return f"{type(error).__name__}: {error}"
+    warnings = [i for i, warning in enumerate(bench.data.warning) if warning.number]
+    return f"MuJoCo warning {warnings[0]}" if warnings else "ran"
+
+
+def trials(subject: Subject) -> Iterator[Row]:
+    """Count the trials that neither run nor are refused."""
+    rng = np.random.default_rng(1)
+    outcomes: list[str] = []
+    while len(outcomes) < TRIALS:
+        try:
+            parameters = random_parameters(rng.random)
+        except ValueError:
+            continue  # refused by the parameters themselves, with a reason
+        outcomes.append(trial(subject.alter(parameters), len(outcomes)))
+    failed = [outcome for outcome in outcomes if outcome != "ran" and not outcome.startswith("refused")]
+    ran = outcomes.count("ran")
+    yield Row(GROUP, f"trials of {TRIALS} that failed", "1", 0.0, "run 0.2 s, or refused with a reason",
+              float(len(failed)), 0.0, relative=False)  # fmt: skip
+    yield Row(GROUP, f"trials of {TRIALS} that ran rather than being refused", "1", TRIALS, "most sets are usable",
+              float(ran), 0.5)  # fmt: skip
