@@ -296,14 +296,15 @@ class _Forms:
 class LinearBench:
     """The bench with parameters ``p``, linear about neutral, in position or velocity architecture.
 
-    ``closed``: whether the load cell's torque reaches the feel model; open for the loop gain.
+    ``closed``: whether the load cell's torque reaches the feel model; open for the loop gain. ``model``: whether there
+    is a feel model at all, or set values from outside alone; without it for the inner loop.
     """
 
     p: Parameters
     hand: Hand = field(default_factory=Hand)
     compensation: Compensation | None = None
     closed: bool = True
-    _cache: dict[str, Any] = field(default_factory=dict, repr=False, compare=False)
+    model: bool = True
 
     @cached_property
     def plant(self) -> Plant:
@@ -313,7 +314,7 @@ class LinearBench:
     @cached_property
     def lifted(self) -> Lifted:
         """One PLC cycle of everything."""
-        return _cycle(self.p, self.plant, self.compensation, self.closed)
+        return _cycle(self.p, self.plant, self.compensation, self.closed, self.model)
 
     @cached_property
     def growth(self) -> complex:
@@ -346,7 +347,7 @@ class LinearBench:
         )  # fmt: skip
 
 
-def _cycle(p: Parameters, plant: Plant, compensation: Compensation | None, closed: bool) -> Lifted:
+def _cycle(p: Parameters, plant: Plant, compensation: Compensation | None, closed: bool, model: bool) -> Lifted:
     """Work through the eight ticks of one PLC cycle with linear forms."""
     n = plant.freedoms
     drive, motor, feel = p.drive, p.motor, p.feel
@@ -406,6 +407,8 @@ def _cycle(p: Parameters, plant: Plant, compensation: Compensation | None, close
             )
             v["feel_angle"], v["feel_velocity"] = angle, velocity
             acceleration = (torque - _stiffness(feel) * angle - feel.damping * velocity) / feel.inertia
+            if not model:
+                angle, velocity, acceleration = f.zero(), f.zero(), f.zero()
             set_angle = angle + f.source["angle", 0]
             set_velocity = velocity + f.source["velocity", 0]
             pilot = -measured / ratio if drive.feed_forward_pilot else f.zero()

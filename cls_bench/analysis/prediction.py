@@ -70,7 +70,7 @@ def inner_loop(p: Parameters, hand: Hand, frequencies: Any) -> FrequencyResponse
     """P(jω): set column angle (in the velocity architecture its velocity) to the column's, outer loop open."""
     velocity = p.plc.outer_loop == "velocity"
     source, signal = ("velocity", "column_velocity") if velocity else ("angle", "column_angle")
-    spectrum = LinearBench(p, hand, closed=False).lifted.spectrum(source, frequencies)
+    spectrum = LinearBench(p, hand, closed=False, model=False).lifted.spectrum(source, frequencies)
     return FrequencyResponse("P", frequencies, spectrum[signal])
 
 

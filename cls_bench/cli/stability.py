@@ -37,7 +37,7 @@ def _setup_options(function: Callable[..., Any]) -> Callable[..., Any]:
 
 def _trial_options(function: Callable[..., Any]) -> Callable[..., Any]:
     for option in (
-        click.option("--rate-deg", type=click.FloatRange(0, 200), metavar="DEG/S",
+        click.option("--rate-deg", type=click.FloatRange(0), metavar="DEG/S",
                      help="Rate at which the hand moves the column during a trial; 0 holds still.  [default: 15, "
                           "with --ideal 0]"),
         click.option("--pulse", type=click.FloatRange(0, min_open=True), metavar="RAD/S²",

@@ -218,7 +218,9 @@ def _probed(setup: Setup, loop: str, signal: _Signal, make_loop: MakeLoop | None
     closed, opened = pairs[loop]
     if velocity_mode and loop == "position-loop":
         closed, opened = ("column_velocity", "asked_velocity", 1.0), None
-    linear = LinearBench(p, setup.hand, closed=False).lifted if make_loop is None else None
+    linear = None
+    if make_loop is None:
+        linear = LinearBench(p, setup.hand, closed=False, model=loop == "outer-loop").lifted
 
     def response(pair: tuple[str, str, float] | None, name: str) -> tuple[Any, Any]:
         if pair is None:

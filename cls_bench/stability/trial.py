@@ -39,6 +39,9 @@ WINDOW, HOP = 150, 50
 BAND = (SLOW, 300.0)
 """Frequencies of the loop's oscillation [Hz]."""
 
+_MOTION_AT = 0.32
+"""When a moving hand starts on its way [s]."""
+
 SETTLE = 0.03
 """Time after the pulse before the first window [s]: what else the pulse excites has died away."""
 
@@ -78,8 +81,16 @@ class Standard:
 
     @property
     def duration(self) -> float:
-        """Longest run [s]."""
-        return self.pulse_at + self.pulse_time + SETTLE + self.time
+        """Longest run [s]: a moving hand is watched as long as it moves."""
+        longest = self.pulse_at + self.pulse_time + SETTLE + self.time
+        return longest if self.rate_deg == 0 else min(longest, _MOTION_AT + 2.0 * self.travel_deg / self.rate_deg)
+
+    def __post_init__(self) -> None:
+        needed = self.pulse_at + self.pulse_time + SETTLE + (WINDOW + 4 * HOP) * PERIOD
+        if not self.duration > needed:
+            raise InputError(
+                f"a trial at {self.rate_deg:g} deg/s over ±{self.travel_deg:g}° ends too early to be judged; move slower"
+            )
 
 
 STILL = Standard(pulse=5.0, rate_deg=0.0)
@@ -115,7 +126,8 @@ def scenario(setup: Setup, standard: Standard, *, pulse: bool = True) -> Scenari
             over = 2.0 * standard.travel_deg / standard.rate_deg
             lines += ["[[hand]]", 'kind = "ramp"', "at = 0.001", f"to_deg = {-standard.travel_deg}", "over = 0.3",
                       "smooth = true"]  # fmt: skip
-            lines += ["[[hand]]", 'kind = "ramp"', "at = 0.32", f"to_deg = {standard.travel_deg}", f"over = {over}"]
+            lines += ["[[hand]]", 'kind = "ramp"', f"at = {_MOTION_AT}", f"to_deg = {standard.travel_deg}",
+                      f"over = {over}"]  # fmt: skip
         lines += ["[[squeeze]]", "at = 0.0", f"value = {float(hand.squeeze)}", "over = 0.0"]
     if pulse:
         feel = setup.parameters.feel
@@ -194,10 +206,9 @@ class _Watch:
                 mode for mode in modes(acceleration[start : start + WINDOW], PERIOD)
                 if BAND[0] < mode.frequency < BAND[1]
             ]  # fmt: skip
-            nothing = Mode(-math.inf, math.nan, 0.0, 0.0)
-            mode = found[0] if found else nothing
-            omega = 2.0 * math.pi * mode.frequency
-            angle = mode.amplitude / omega**2 if found else 0.0
+            # Of several the one with the largest speed: not the fast hum of the gears, not a slow remainder.
+            mode = max(found, key=lambda m: m.amplitude / m.frequency, default=Mode(-math.inf, math.nan, 0.0, 0.0))
+            angle = mode.amplitude / (2.0 * math.pi * mode.frequency) ** 2 if found else 0.0
             self._fits.append(_Fit((start + WINDOW / 2) * PERIOD, replace(mode, amplitude=angle)))
 
     def decision(self) -> tuple[bool, str] | None:
@@ -222,8 +233,11 @@ class _Watch:
 
     def last_decision(self) -> tuple[bool, str]:
         """(stable, reason) at the end of the time, from the trend over the second half."""
-        kept = max(self._kept(fit) for fit in self._fits[-2:])
-        if kept > 1.0 or (kept > KEPT and self.trend() > SUSTAINED):
+        last = self._fits[-4:]
+        kept = max(self._kept(fit) for fit in last[-2:])
+        frequencies = [fit.mode.frequency for fit in last]
+        steady = max(frequencies) < 1.2 * min(frequencies)  # noise shows another one in each window
+        if kept > 1.0 or (kept > KEPT and steady and self.trend() > SUSTAINED):
             return False, "sustained"
         return True, "dies out"
 
