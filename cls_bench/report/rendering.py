@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from cls_bench.errors import InputError, OutputError
 from cls_bench.geometry import force_arrows, turned
 from cls_bench.recording import Recording
+from cls_bench.signals import POSE_TICKS, TICK_S, TOPIC
 
 Image = NDArray[np.uint8]
 
@@ -51,18 +52,20 @@ class Renderer:
 
     def still(self, at: float) -> Image:
         """The bench at ``at`` [s], shape (height, width, 3). InputError outside of the recording."""
-        for image in self.frames(at, at + 0.02, 0.01):
-            return image
-        raise InputError(f"{self._recording.path} ends at {self._recording.duration:g} s; there is nothing at {at:g} s")
+        _check_time(self._recording, at)
+        at = min(at, self._recording.duration - POSE_TICKS * TICK_S)  # poses are there every 10 ms
+        return next(self.frames(at, at + 2 * POSE_TICKS * TICK_S, POSE_TICKS * TICK_S))
 
     def frames(self, start: float, end: float, step: float) -> Iterator[Image]:
         """The bench every ``step`` [s], at 100 Hz at most."""
         time, poses = self._recording.poses(start, end)
-        every = max(round(step / 0.01), 1)
+        every = max(round(step / (POSE_TICKS * TICK_S)), 1)
         if not len(time):
             return
-        force = self._recording.read("/load_cell", ["force"], start, end, every=200)["force"]
-        hand = self._recording.read("/pilot", ["hand_force"], start, end, every=50)["hand_force"]
+        force, hand = (
+            self._recording.read(topic, [name], start, end, POSE_TICKS // TOPIC[topic].ticks)[name]
+            for topic, name in (("/load_cell", "force"), ("/pilot", "hand_force"))
+        )
         column, rod_end = (self._model.body(name).id for name in ("column", "rod_end"))
         origins, vectors = force_arrows(poses[:, column], poses[:, rod_end], hand, force)
         for row in range(0, len(time), every):
@@ -92,10 +95,16 @@ class Renderer:
         scene.ngeom += 1
 
 
+def _check_time(recording: Recording, at: float) -> None:
+    if not 0.0 <= at <= recording.duration:
+        raise InputError(f"{recording.path} ends at {recording.duration:g} s; there is nothing at {at:g} s")
+
+
 def save_still(recording: Recording, at: float, path: Path, size: tuple[int, int] = SIZE, camera: str = CAMERA) -> None:
     """Write a still as PNG. Raises InputError and OutputError."""
     from PIL import Image as Pillow
 
+    _check_time(recording, at)
     renderer = Renderer(recording, size, camera)
     try:
         image = Pillow.fromarray(renderer.still(at))
@@ -120,6 +129,7 @@ def save_video(
         import imageio_ffmpeg
     except ImportError:
         raise InputError("a video needs ffmpeg: pip install 'cls-bench[video]'") from None
+    _check_time(recording, start)
     renderer = Renderer(recording, size, camera)
     frames = 0
     try:

@@ -126,7 +126,7 @@ def thin(x: Array, y: Array) -> tuple[Array, Array]:
     parts = y[: rows * size].reshape(rows, size)
     first = np.arange(rows) * size
     picks = np.sort(np.stack([first + parts.argmin(axis=1), first + parts.argmax(axis=1)], axis=1), axis=1).ravel()
-    picks = np.unique(np.append(picks, len(x) - 1))
+    picks = np.unique(np.concatenate([[0], picks, [len(x) - 1]]))
     return x[picks], y[picks]
 
 
