@@ -1,4 +1,7 @@
-"""Frequency response of the simulated plant from motor torque to column angle, against the linear model."""
+"""Frequency response of the simulated plant from motor torque to column angle, against the linear model.
+
+The linear model is :mod:`cls_bench.analysis.linear`, derived by hand from the book and from nothing of the simulation.
+"""
 
 import math
 from collections.abc import Iterator
@@ -7,16 +10,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cls_bench.analysis import linear
 from cls_bench.parameters import Parameters
 from cls_bench.plant.state import COLUMN
-from cls_bench.verification.linear_model import linear_model
 from cls_bench.verification.row import Row
 from cls_bench.verification.subject import Held, Subject, run_plant
 
 Array = NDArray[Any]
 
 GROUP = "linearisation"
-LAW = "linear model by hand"
+LAW = "linear model"
 
 FREQUENCIES = (5, 10, 20, 50, 100, 150, 200, 250, 300)
 """Where gain and phase are compared [Hz]."""
@@ -61,15 +64,32 @@ def frequency_response(subject: Subject) -> Iterator[Row]:
     acted, positions = run_plant(specimen, shake + load / ratio * build_up, -load * build_up, held=Held(0.5, 0.01))
     torque, column = (np.fft.rfft(signal[period:]) for signal in (acted, positions[:, COLUMN]))
     response = column[lines] / torque[lines]
-    model = linear_model(p)
-    expected = np.array([model.response(float(line)) for line in lines])
+    model = linear.plant(p, linear.Hand(squeeze=None))
+    expected = np.array([_response(model, float(line)) for line in lines])
     yield from _rows(lines, response, expected)
-    for number, (frequency, damping) in enumerate(model.resonances(), start=1):
+    for number, (frequency, damping) in enumerate(_resonances(model), start=1):
         near = np.abs(lines - frequency) < 0.1 * frequency
         # Above 1 kHz the step shows: 17 of them in a period of the third mode shift it by 2 %.
         limit = 0.01 if frequency < 1000.0 else 0.03
         yield Row(GROUP, f"resonance {number} (damping ratio {damping:.3f})", "Hz", _peak(lines[near], expected[near]),
                   LAW, _peak(lines[near], response[near]), limit)  # fmt: skip
+
+
+def _response(model: linear.Plant, frequency: float) -> complex:
+    """Column angle over motor torque [rad/(N·m)] at ``frequency`` [Hz]."""
+    s = 2j * math.pi * frequency
+    dynamic = model.mass * s**2 + model.damping * s + model.stiffness
+    motor = np.eye(model.freedoms)[linear.MOTOR]
+    return complex(np.linalg.solve(dynamic, motor)[linear.COLUMN])
+
+
+def _resonances(model: linear.Plant) -> list[tuple[float, float]]:
+    """Undamped frequency [Hz] and damping ratio of every oscillating mode, lowest first."""
+    n = model.freedoms
+    inverse = np.linalg.inv(model.mass)
+    first_order = np.block([[np.zeros((n, n)), np.eye(n)], [-inverse @ model.stiffness, -inverse @ model.damping]])
+    roots = [root for root in np.linalg.eigvals(first_order) if root.imag > 1.0]
+    return sorted((abs(root) / (2.0 * math.pi), -root.real / abs(root)) for root in roots)
 
 
 def _rows(lines: Array, response: Array, expected: Array) -> Iterator[Row]:

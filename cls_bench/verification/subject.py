@@ -92,7 +92,8 @@ def _run(
         applied[state.MOTOR] = motor[k]
         applied[state.COLUMN] = hand[k]
         plant_model.update(plant, p, mesh_loss, dampings, False, 0.0)
-        positions[k, :] = plant.qpos[: state.LIMB]
+        for joint in range(state.LIMB):
+            positions[k, joint] = plant.qpos[joint]
         mj_step(plant.model, plant.data)
 
 

@@ -7,8 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cls_bench.bench import Bench
 from cls_bench.parameters import Parameters, Simulation
 from cls_bench.plant.state import COLUMN
+from cls_bench.scenario import parse_scenario
 from cls_bench.signals import TICK_S
 from cls_bench.verification import reduced_model
 from cls_bench.verification.reading import Array
@@ -23,6 +25,18 @@ ALLOWED = 1e-3
 
 FINE = 32
 """Steps in a tick for the comparison over 2 s, which has to tell laws apart and not steps."""
+
+
+CLOSED_LOOP = """
+    title = "sweep"
+    duration = 3.0
+    [[hand]]
+    at = 0.0
+    kind = "sine"
+    amplitude_deg = 10.0
+    frequency = 0.7
+    fade = 0.5
+"""
 
 
 class Record(NamedTuple):
@@ -102,6 +116,21 @@ def convergence(subject: Subject) -> Iterator[Row]:
             order = -float(np.polyfit(np.log2(steps), np.log2(np.abs(worst)), 1)[0])
             yield Row("convergence", f"{name} record: order of convergence", "1", 1.0, "semi-implicit Euler", order,
                       0.25, relative=False)  # fmt: skip
+
+
+def closed_loop(subject: Subject) -> Iterator[Row]:
+    """The bench as it is used: what the step of 50 µs costs where the controller guides the column."""
+    travel = Parameters().column.travel
+    scenario = parse_scenario(CLOSED_LOOP)
+    angles = []
+    for substeps in (1, 8):
+        p = subject.alter(
+            scenario.parameters_at_start().model_copy(update={"simulation": Simulation(substeps=substeps)})
+        )
+        blocks = Bench(p, seed=scenario.seed).run(scenario)
+        angles.append(np.concatenate([block.signals["/column"][:, 0] for block in blocks]))
+    yield Row("convergence", "drive on, hand sweeps ±10°: worst deviation of the column angle, step 50 µs", "rad", 0.0,
+              "the same at 6.25 µs", _worst(angles[0] - angles[1]), ALLOWED * travel, relative=False)  # fmt: skip
 
 
 def _worst(deviation: Array) -> float:

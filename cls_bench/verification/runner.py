@@ -1,0 +1,87 @@
+"""Runs the cases and gathers their rows."""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from multiprocessing import get_context
+
+from cls_bench.errors import BenchError
+from cls_bench.parameters import Parameters
+from cls_bench.verification import (
+    backlash,
+    energy_balance,
+    gear,
+    limb,
+    linearisation,
+    load_cell,
+    motor,
+    random_trials,
+    stiction,
+    whole_plant,
+)
+from cls_bench.verification.row import Row
+from cls_bench.verification.subject import Subject
+
+Case = Callable[[Subject], Iterator[Row]]
+
+CASES: tuple[Case, ...] = (
+    gear.lossy_gear_demo, gear.efficiency,
+    backlash.gear_demo, backlash.stop_block_demo, backlash.dead_zone,
+    stiction.breakaway, stiction.creep, stiction.stick_slip,
+    motor.current_step, motor.envelope, motor.power_balance, motor.temperature,
+    load_cell.static, load_cell.filter_step, load_cell.ringing,
+    limb.resonance, limb.rigid,
+    linearisation.frequency_response,
+    whole_plant.agreement, whole_plant.convergence, whole_plant.closed_loop,
+    energy_balance.balance,
+    random_trials.trials,
+)  # fmt: skip
+"""All cases, in the order of the table."""
+
+_LONG = (whole_plant.agreement, whole_plant.convergence, random_trials.trials, stiction.breakaway)
+"""Started first, so that no long one is left over at the end."""
+
+
+def _rows(case: Case, subject: Subject) -> list[Row]:
+    """The rows of a case; a single one that falls short if the plant cannot be built or run at all."""
+    try:
+        return list(case(subject))
+    except (BenchError, ValueError, RuntimeError) as error:
+        name = f"{case.__module__.rpartition('.')[2]}.{case.__name__}"
+        return [Row(name.partition(".")[0], f"{name}: {error}", "", math.nan, "", math.nan, 0.0)]
+
+
+def verify(
+    progress: Callable[[int, int], None] | None = None,
+    *,
+    cases: Sequence[Case] = CASES,
+    alter: Callable[[Parameters], Parameters] | None = None,
+    workers: int = 2,
+) -> list[Row]:
+    """Hold the plant against everything it can be held against; returns the rows of all ``cases`` in their order.
+
+    ``progress(done, total)`` is told of every case that is done. ``alter`` changes the parameters of the plant behind
+    the cases' back, to show that they notice. Up to ``workers`` processes share the work; with 1 all is done in this
+    one.
+    """
+    subject = Subject(alter) if alter is not None else Subject()
+    report = progress or (lambda done, total: None)
+    if workers <= 1:
+        rows = []
+        for done, case in enumerate(cases, start=1):
+            rows += _rows(case, subject)
+            report(done, len(cases))
+        return rows
+    # A fresh interpreter each: forks would share the state of compiled code and of threads.
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        long_first = sorted(range(len(cases)), key=lambda k: cases[k] not in _LONG)
+        started: dict[Future[list[Row]], int] = {pool.submit(_rows, cases[k], subject): k for k in long_first}
+        found: dict[int, list[Row]] = {}
+        try:
+            for done, future in enumerate(as_completed(started), start=1):
+                found[started[future]] = future.result()
+                report(done, len(cases))
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+    return [row for k in range(len(cases)) for row in found[k]]
