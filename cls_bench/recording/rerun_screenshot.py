@@ -1,5 +1,6 @@
 """A screenshot of the Rerun viewer without a screen: for pictures and tests. Needs a Vulkan driver, such as Mesa's."""
 
+import re
 import socket
 import subprocess
 import sys
@@ -52,10 +53,11 @@ def _connect(viewer: "subprocess.Popen[bytes]", port: int, log: IO[bytes]) -> Vi
     while time.monotonic() < deadline:
         if viewer.poll() is not None:
             log.seek(0)
-            said = log.read().decode(errors="replace")
-            no_driver = "no graphics driver; on Debian: apt install mesa-vulkan-drivers"
+            said = re.search(r"panicked at '([^']*)'", log.read().decode(errors="replace"))
+            reason = f" ({said[1]})" if said else ""
             raise InputError(
-                f"the Rerun viewer cannot start: {no_driver if 'adapter' in said else said[-300:].strip()}"
+                f"the Rerun viewer cannot start{reason}; it needs a Vulkan driver: on Debian, "
+                "apt install mesa-vulkan-drivers"
             )
         try:
             client = client or ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy")
