@@ -17,12 +17,13 @@ import pytest
 from click.testing import CliRunner, Result
 
 from cls_bench.analysis.window import Window
-from cls_bench.bench import Bench
+from cls_bench.bench import Bench, DivergedError
 from cls_bench.cli import main
 from cls_bench.errors import InputError
 from cls_bench.experiment import run
 from cls_bench.parameters import Parameters
-from cls_bench.scenario import load_scenario
+from cls_bench.scenario import Scenario, load_scenario
+from cls_bench.signals import Block
 from cls_bench.sweep.core import evaluate_points
 from cls_bench.sweep.engine import Dask, Row, Threads, make_engine
 from cls_bench.sweep.plan import load_sweep
@@ -369,23 +370,44 @@ def test_nothing_but_errors_is_an_error(file: Any, tmp_path: Path) -> None:
     assert pq.read_table(tmp_path / "out" / "table.parquet").num_rows == 8
 
 
+class Fragile(Bench):
+    """A bench that leaves all bounds after its first block if the rendered inertia is low."""
+
+    def run(self, scenario: Scenario) -> Iterator[Block]:
+        for block in super().run(scenario):
+            yield block
+            if self.parameters.feel.inertia < 0.3:
+                raise DivergedError(self.time, "motor current")
+
+
 def test_diverged_points_are_rows(file: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A mesh far too stiff for the step lets the numbers explode; the points around it are not touched."""
-    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("cls_bench.sweep.runs.Bench", Fragile)
     sweep = """
-title = "Mesh stiffness"
+title = "Before and after"
 scenario = "push.toml"
 [[axes]]
-key = "gearbox.stage1.stiffness"
+key = "feel.inertia"
 kind = "list"
-values = [4000.0, 1e9, 4200.0]
+values = [0.4, 0.2, 0.5]
+[[checks]]
+name = "late"
+metric = "mean"
+signal = "/column.angle"
+window = [0.3, 0.4]
 """
-    result = call(file(sweep), "--out", tmp_path / "out", "--json")
+    path = file(sweep)
+    (tmp_path / "push.toml").write_text(SCENARIO.replace("duration = 0.2", "duration = 0.4"))
+    result = call(path, "--out", tmp_path / "out", "--json")
     assert result.exit_code == 0, result.output
     table = pq.read_table(tmp_path / "out" / "table.parquet")
     assert [status == "diverged" for status in table["status"].to_pylist()] == [False, True, False]
-    assert "diverged at t = 0." in table["message"][1].as_py()
-    assert table["peak"][0].as_py() > 0.01
+    assert table["message"].to_pylist() == [
+        "",
+        "diverged at t = 0.2000 s: motor current is not finite or out of all bounds",
+        "",
+    ]
+    assert table["peak"][1].as_py() > 0.01  # measured before
+    assert np.isnan(table["late"].to_pylist()).tolist() == [False, True, False]
 
 
 def test_ctrl_c_keeps_what_is_done(file: Any, tmp_path: Path) -> None:

@@ -34,7 +34,7 @@ def _quantised(value: float, step: float) -> float:
 @compiled
 def load_cell_count(cell: Any) -> float:
     """Force [N] of one converter count: the range, to both sides, over 2^bits."""
-    return float(2.0 * cell.capacity / 2.0**cell.adc_bits)
+    return float(2.0 * cell.capacity / (1 << cell.adc_bits))
 
 
 @compiled
@@ -48,7 +48,7 @@ def weigh(cell: Any, force: float, noise: float, samples: Any) -> None:
     blend = 1.0 - math.exp(-2.0 * math.pi * cell.filter_bandwidth * TICK_S)
     samples.filter_state += blend * (force - samples.filter_state)
     amplified = samples.filter_state + cell.noise * noise
-    full_scale = 2.0 ** (cell.adc_bits - 1)
+    full_scale = float(1 << (cell.adc_bits - 1))
     counts = math.floor(amplified / load_cell_count(cell) + 0.5)
     samples.load_cell = min(max(counts, -full_scale), full_scale - 1.0)
 
@@ -67,7 +67,7 @@ def sample(plant: Any, p: Any, cell_damping: float, noise: Any, samples: Any) ->
 
     column = plant.qpos[COLUMN]
     pot = p.potentiometer
-    pot_step = 2.0 * pot.range / 2.0**pot.adc_bits
+    pot_step = 2.0 * pot.range / (1 << pot.adc_bits)
     samples.potentiometer = min(max(_quantised(column + pot.noise * noise[2], pot_step), -pot.range), pot.range)
     samples.switch_forward = 1 if column < p.column.switch_angle else 0
     samples.switch_aft = 1 if column > -p.column.switch_angle else 0
