@@ -21,7 +21,7 @@ def grip_force(plant: Any, grip: int = GRIP, hand: int = LIMB, column: int = COL
 @compiled
 def _between(loose: float, tight: float, squeeze: float) -> float:
     """Logarithmic between ``loose`` and ``tight``; linear where one of them is zero and has no logarithm."""
-    if loose > 0.0 and tight > 0.0:
+    if 0.0 < squeeze < 1.0 and loose > 0.0 and tight > 0.0:
         return loose * math.pow(tight / loose, squeeze)
     return loose + squeeze * (tight - loose)
 
