@@ -91,6 +91,12 @@ def test_amplitude_ratio_and_phase_lag() -> None:
     assert value("tracking_phase_lag_ms", **signals) == pytest.approx(6.0, abs=0.01)  # type: ignore[arg-type]
 
 
+def test_a_model_that_stands_still_has_no_amplitude_ratio() -> None:
+    signals = {"column__angle": np.sin(2 * math.pi * 2.0 * TIME), "arguments": {"frequency": 2.0}}
+    assert math.isnan(value("tracking_amplitude_ratio", **signals))  # type: ignore[arg-type]
+    assert math.isnan(value("tracking_phase_lag_ms", **signals))  # type: ignore[arg-type]
+
+
 def test_oscillation() -> None:
     x = 0.1 * np.sin(2 * math.pi * 1.0 * TIME) + math.radians(0.2) * np.sin(2 * math.pi * 48.0 * TIME)
     assert value("oscillation_amplitude_deg", column__angle=x) == pytest.approx(0.2, rel=0.03)

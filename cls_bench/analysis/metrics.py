@@ -245,17 +245,22 @@ def _phasor(window: Window, signal: str, frequency: float) -> complex:
     return complex(c, -s)
 
 
+def _response(window: Window, frequency: float) -> complex:
+    """Phasor of the column over that of the feel model; NaN where the model stands still."""
+    model = _phasor(window, "/feel.angle", frequency)
+    return _phasor(window, "/column.angle", frequency) / model if model else complex(math.nan, math.nan)
+
+
 @_metric("1", frequency=_FREQUENCY)
 def tracking_amplitude_ratio(window: Window, frequency: float) -> float:
     """Amplitude of the column over that of the feel model, at a frequency."""
-    return abs(_phasor(window, "/column.angle", frequency) / _phasor(window, "/feel.angle", frequency))
+    return abs(_response(window, frequency))
 
 
 @_metric("ms", frequency=_FREQUENCY)
 def tracking_phase_lag_ms(window: Window, frequency: float) -> float:
     """Phase lag of the column behind the feel model as a time, at a frequency."""
-    turn = _phasor(window, "/column.angle", frequency) / _phasor(window, "/feel.angle", frequency)
-    return -1e3 * float(np.angle(turn)) / (2.0 * math.pi * frequency)
+    return -1e3 * float(np.angle(_response(window, frequency))) / (2.0 * math.pi * frequency)
 
 
 # --- oscillation -----------------------------------------------------------------------------------------------------
