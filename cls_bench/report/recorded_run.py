@@ -94,7 +94,7 @@ class RecordedRun:
         return self.window(Span(0.0, self.duration))
 
     def spans(self, *metrics: str, signal: str | None = None) -> list[Span]:
-        """Windows of the checks that measure one of ``metrics``, in order of time, as far as they were recorded.
+        """Windows of the checks that measure one of ``metrics``, in order of time, if they were recorded to their end.
 
         With ``signal``, only of those that measure it.
         """
@@ -102,7 +102,7 @@ class RecordedRun:
             Span(*check.window) for check in self.scenario.checks
             if check.metric in metrics and signal in (None, check.signal)
         }  # fmt: skip
-        return sorted(span for span in found if span.start < self.duration)
+        return sorted(span for span in found if span.end <= self.duration + TICK_S)
 
     @cached_property
     def powered(self) -> NDArray[np.bool_]:
