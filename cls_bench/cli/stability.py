@@ -38,7 +38,7 @@ def _setup_options(function: Callable[..., Any]) -> Callable[..., Any]:
 def _trial_options(function: Callable[..., Any]) -> Callable[..., Any]:
     for option in (
         click.option("--rate-deg", type=click.FloatRange(0), metavar="DEG/S",
-                     help="Rate at which the hand moves the column during a trial; 0 holds still.  [default: 15, "
+                     help="Rate at which the hand moves the column during a trial; 0 holds still.  [default: 20, "
                           "with --ideal 0]"),
         click.option("--pulse", type=click.FloatRange(0, min_open=True), metavar="RAD/S²",
                      help="Acceleration that the disturbing pulse gives the feel model for 10 ms.  [default: 35, "
@@ -213,17 +213,20 @@ def _numbers(response: "FrequencyResponse", kind: str, loop: str) -> dict[str, f
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of tables.")
 def predict(overrides: tuple[str, ...], grip: str, ideal: bool, as_json: bool) -> None:
     """Predict stability and margins from the linear model, with Eq. 3.16 beside it."""
+    from threadpoolctl import threadpool_limits
+
     from cls_bench.analysis.prediction import critical
     from cls_bench.analysis.prediction import predict as predicted
     from cls_bench.analysis.variation import variation
 
     setup = _setup(overrides, grip, ideal)
-    p = predicted(setup)
-    critical_at = {
-        name: critical(setup, variation(name))
-        for name in ("feel.inertia", "forward_inertia", "limb_mass", "squeeze", "delay")
-        if setup.hand.squeeze is not None or name in ("feel.inertia", "delay")
-    }
+    with threadpool_limits(1):
+        p = predicted(setup)
+        critical_at = {
+            name: critical(setup, variation(name))
+            for name in ("feel.inertia", "forward_inertia", "limb_mass", "squeeze", "delay")
+            if setup.hand.squeeze is not None or name in ("feel.inertia", "delay")
+        }
     if as_json:
         found = {name: _finite(value) for name, value in dataclasses.asdict(p).items() if name != "rule"}
         rule = {**dataclasses.asdict(p.rule), "critical_ratio": p.rule.critical_ratio, "stable": p.rule.stable}

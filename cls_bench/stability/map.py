@@ -4,8 +4,9 @@ The trials run on all cores through the sweep machinery, are kept in a journal a
 after an interruption.
 """
 
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -81,10 +82,10 @@ class Evaluate:
         """The trial's verdict as a row."""
         setup = self.x.apply(self.setup, float(point[self.x.name] or 0.0))
         verdict = trial.run(self.y.apply(setup, float(point[self.y.name] or 0.0)), self.standard)
-        return {
-            "stable": verdict.stable, "growth": verdict.growth, "frequency": verdict.frequency,
-            "amplitude_deg": verdict.amplitude_deg, "reason": verdict.reason, "simulated": verdict.simulated,
-        }  # fmt: skip
+        return {  # a table's cell has no NaN
+            name: None if isinstance(value, float) and math.isnan(value) else value
+            for name, value in asdict(verdict).items()
+        }
 
 
 @dataclass(frozen=True)

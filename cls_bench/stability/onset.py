@@ -8,6 +8,8 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from threadpoolctl import threadpool_limits
+
 from cls_bench.analysis.linear import Compensation, limb_mass_for
 from cls_bench.analysis.prediction import critical, rule
 from cls_bench.analysis.variation import Setup, Variation
@@ -64,6 +66,20 @@ def find(
     instead and is part of the prediction. ``follow`` runs the last unstable value to its end, for the amplitude of the
     limit cycle. ``report`` is told every trial. Raises InputError for values that the bench cannot have.
     """
+    with threadpool_limits(1):  # the small matrices of fits and predictions gain nothing from BLAS threads
+        return _find(setup, vary, standard, tolerance, make_loop, compensation, follow, report)
+
+
+def _find(
+    setup: Setup,
+    vary: Variation,
+    standard: Standard | None,
+    tolerance: float,
+    make_loop: MakeLoop | None,
+    compensation: Compensation | None,
+    follow: bool,
+    report: Callable[[float, Verdict], None],
+) -> Onset:
     predicted = critical(setup, vary, compensation) if make_loop is None else None
     if compensation is not None:
         make_loop = compensated(compensation)

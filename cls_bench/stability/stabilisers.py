@@ -5,7 +5,7 @@ Stienen, "Admittance control for physical human-robot interaction", Int. J. Robo
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -103,13 +103,14 @@ def compare(
     setup: Setup,
     standard: Standard | None = None,
     *,
+    measures: Sequence[Stabiliser] = STABILISERS,
     scheduler: str | Engine = "threads",
     report: Report | None = None,
 ) -> list[Least]:
-    """Least stable I_fcs of ``setup`` with each of :data:`STABILISERS`."""
+    """Least stable I_fcs of ``setup`` with each of ``measures``, a choice of :data:`STABILISERS`."""
     with threadpool_limits(1):
         rows = evaluate_points(
-            _Search(setup, standard), [{"measure": s.name} for s in STABILISERS],
+            _Search(setup, standard), [{"measure": s.name} for s in measures],
             scheduler=scheduler, report=report,
         )  # fmt: skip
     for row in rows:

@@ -1,10 +1,10 @@
 """One trial: does the bench, disturbed once, calm down? Decided by the growth rate of the recorded oscillation.
 
 The standard trial has the hand on the column from the start, at the squeeze in question. Either it holds still, or it
-moves the column from −8° to 8° at a constant rate: in motion the gearbox slides all the time, so its friction does not
-hold an oscillation back as it does at rest (the pilot of thesis 4.4 pulls the column and then squeezes). Then a short
-torque pulse strikes the feel model (T_dis of thesis 3.5.2), as a tap on the control surface would, and from then on
-the oscillation of the column is fitted in windows of 0.12 s (:mod:`cls_bench.analysis.growth`).
+moves the column from −10° to 10° at a constant rate: in motion the gearbox slides all the time, so its friction does
+not hold an oscillation back as it does at rest (the pilot of thesis 4.4 pulls the column and then squeezes). Then a
+short torque pulse strikes the feel model (T_dis of thesis 3.5.2), as a tap on the control surface would, and from then
+on the oscillation of the column is fitted in windows of 0.12 s (:mod:`cls_bench.analysis.growth`).
 
 The run ends as soon as the windows agree: four in a row with growth rates that agree, or a safety trip. Where friction
 or backlash make the growth rate depend on amplitude they may never agree; then the trend of the amplitude over the
@@ -52,7 +52,7 @@ CLEAR = 0.15
 """Growth rate [1/s] below which agreeing windows do not decide: a limit cycle, or a fraction of a per cent from the
 onset."""
 
-KEPT, GONE = 0.15, 0.02
+KEPT, GONE = 0.3, 0.02
 """Amplitude, as a share of the swing that the pulse gives the feel model, above which an undecided oscillation may
 count as sustained, and below which it is gone: what is left is vibration of the gears or noise. Above 1 it feeds
 itself, however irregular it is."""
@@ -66,9 +66,10 @@ class Standard:
     """angular acceleration that the pulse gives the feel model [rad/s²]: its torque is I_fcs times that"""
     pulse_time: float = 0.01
     """its length [s]"""
-    rate_deg: float = 15.0
-    """rate at which the hand moves the column [deg/s]; 0 holds still"""
-    travel_deg: float = 8.0
+    rate_deg: float = 20.0
+    """rate at which the hand moves the column [deg/s]; 0 holds still. At 20 the teeth of the first stage pass at 35 Hz,
+    and neither they nor their harmonics shake the loop where it tends to oscillate"""
+    travel_deg: float = 10.0
     """where the motion begins and ends, to either side [deg]"""
     time: float = 1.0
     """longest observation after the pulse [s]"""
@@ -89,7 +90,7 @@ class Standard:
         needed = self.pulse_at + self.pulse_time + SETTLE + (WINDOW + 4 * HOP) * PERIOD
         if not self.duration > needed:
             raise InputError(
-                f"a trial at {self.rate_deg:g} deg/s over ±{self.travel_deg:g}° ends too early to be judged; move slower"
+                f"a trial at {self.rate_deg:g} deg/s over ±{self.travel_deg:g}° ends too early; move slower"
             )
 
 
