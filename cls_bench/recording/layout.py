@@ -40,6 +40,10 @@ MESSAGE_HEAD_BYTES = message_dtype(1).itemsize - message_dtype(1)["signals"].ite
 """Length of a Message record before its data."""
 
 
+FIELD_BYTES = message_dtype(1)["signals"].itemsize
+"""Length of one signal in a Message record: its tag and its double."""
+
+
 def tags(signals: int) -> NDArray[np.uint8]:
     """Tag bytes of the protobuf fields 1 … ``signals`` of type double (wire type 1)."""
     return np.arange(1, signals + 1, dtype=np.uint8) * np.uint8(8) + np.uint8(1)

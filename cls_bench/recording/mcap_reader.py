@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from cls_bench.errors import InputError
 from cls_bench.recording import foxglove
-from cls_bench.recording.layout import MESSAGE_HEAD_BYTES, Index, message_dtype, tags
+from cls_bench.recording.layout import FIELD_BYTES, MESSAGE_HEAD_BYTES, Index, message_dtype, tags
 from cls_bench.recording.mcap_writer import (
     PARAMETERS_ATTACHMENT,
     RESULT_METADATA,
@@ -322,8 +322,7 @@ class Recording:
                 parts.append((index[:, 0], np.zeros((len(part.names), 0))))
                 continue
             data = self._load(file, chunk) if data is None else data
-            rows = self._rows(data, index[:, 1], message_dtype(len(part.topic.signals)))
-            parts.append((index[:, 0], rows["signals"]["value"][:, part.columns].T))
+            parts.append((index[:, 0], self._values(data, index[:, 1], len(part.topic.signals), part.columns)))
         return parts
 
     def _topic(self, path: str) -> Topic:
@@ -336,17 +335,33 @@ class Recording:
             raise InputError(f"topic {topic.path} has no signal {name!r}; it has {', '.join(topic.names)}")
         return topic.names.index(name)
 
-    def _rows(self, data: bytes, offsets: NDArray[np.uint64], dtype: np.dtype[np.void]) -> NDArray[np.void]:
-        """The Message records at ``offsets``: a view with a row at every byte, of which the wanted ones are taken."""
-        if int(offsets.max()) + dtype.itemsize > len(data):
+    def _values(
+        self, data: bytes, offsets: NDArray[np.uint64], signals: int, columns: Sequence[int]
+    ) -> NDArray[np.float64]:
+        """Samples of ``columns`` from the Message records at ``offsets``, shape (columns, rows).
+
+        Of each field a view with an element at every byte of the chunk is made, of which the wanted ones are taken.
+        """
+        record = message_dtype(signals)
+        if int(offsets.max()) + record.itemsize > len(data):
             raise self._damaged("a message index points beyond its chunk")
-        at_every_byte = np.ndarray((len(data) - dtype.itemsize + 1,), dtype, data, strides=(1,))
-        rows = at_every_byte[offsets]
-        if (rows["length"] != dtype.itemsize - _HEAD.size).any() or (
-            rows["signals"]["tag"] != tags(dtype["signals"].shape[0])
-        ).any():
+
+        def field(at: int, dtype: str) -> NDArray[Any]:
+            room = len(data) - record.itemsize + 1
+            taken: NDArray[Any] = np.ndarray((room,), dtype, data, offset=at, strides=(1,))[offsets]
+            return taken
+
+        length_at = record.fields["length"][1]  # type: ignore[index]
+        intact = field(length_at, "<u8") == record.itemsize - _HEAD.size
+        values = np.empty((len(columns), len(offsets)))
+        starts = MESSAGE_HEAD_BYTES + FIELD_BYTES * np.arange(signals)
+        for tag, start in zip(tags(signals), starts.tolist(), strict=True):
+            intact &= field(start, "u1") == tag
+        for row, column in enumerate(columns):
+            values[row] = field(int(starts[column]) + 1, "<f8")
+        if not intact.all():
             raise self._damaged("samples are not in the layout of cls-bench")
-        return rows
+        return values
 
     def _damaged(self, what: str) -> InputError:
         return InputError(f"{self.path} is damaged: {what}")
