@@ -4,6 +4,7 @@ import io
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -118,11 +119,24 @@ def test_lanes_follow_power_grip_and_events(short: Result) -> None:
     hand = states(short.rrd, layout.HAND_LANE)
     assert [state for _, state in hand] == ["loose", "firm", "tight", "let go"]
     assert [time for time, _ in hand] == pytest.approx([0.0, 0.605, 0.63, 0.9], abs=0.002)
+    assert [state for _, state in states(short.rrd, layout.TRAVEL_LANE)] == ["free"]
     assert states(short.rrd, layout.EVENT_LANE) == [(0.5, "scenario: drive power on")]
     (look,) = (
         b for b in rrd_columns(short.rrd)[f"/{layout.HAND_LANE}"] if "StateConfiguration:values" in b.schema.names
     )
     assert look.column("StateConfiguration:values").to_pylist()[0] == list(layout.HAND_STATES)
+
+
+def test_the_travel_lane_follows_the_column(tmp_path: Path) -> None:
+    limits = {"feel": {"aft_limit": {"angle": 0.2}}, "column": {"switch_angle": 0.3}}
+    recorder = RerunRecorder(tmp_path / "run.rrd", replace(INFO, parameters=limits))
+    signals = {t.path: np.zeros((t.rows(0, 800), len(t.signals))) for t in TOPICS}
+    signals["/column"][:, 0] = np.interp(np.arange(800), [0, 400, 799], [0.0, -0.4, 0.0])
+    recorder.write(Block(0, 800, signals, np.zeros((4, len(BODIES), 7))))
+    recorder.finish("complete")
+    found = states(tmp_path / "run.rrd", layout.TRAVEL_LANE)
+    assert [state for _, state in found] == ["free", "model's limit", "limit switch", "model's limit", "free"]
+    assert [time for time, _ in found] == pytest.approx([0.0, 0.01, 0.015, 0.025, 0.03], abs=0.0006)
 
 
 def test_torque_over_displacement_is_the_recorded_one(short: Result) -> None:

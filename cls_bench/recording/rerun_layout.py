@@ -33,10 +33,12 @@ FORCES = "bench/forces"
 SCENARIO = "scenario"
 TORQUE_OVER_ANGLE = "torque_over_angle"
 LANES = "state"
-DRIVE_LANE, HAND_LANE, EVENT_LANE = f"{LANES}/drive", f"{LANES}/hand", f"{LANES}/last_event"
+DRIVE_LANE, HAND_LANE, TRAVEL_LANE = f"{LANES}/drive", f"{LANES}/hand", f"{LANES}/travel"
+EVENT_LANE = f"{LANES}/last_event"
 
 DRIVE_STATES = {"power off": MODEL, "power on": MEASURED}
 HAND_STATES = {"let go": (90, 98, 106), "loose": (148, 118, 62), "firm": (196, 140, 30), "tight": (230, 159, 0)}
+TRAVEL_STATES = {"free": (70, 90, 84), "model's limit": STAGE2, "limit switch": (213, 64, 50)}
 LEVEL_COLORS = {"info": (90, 98, 106), "warning": STAGE2, "error": (213, 64, 50)}
 """States in the lanes and their colours."""
 
@@ -118,7 +120,7 @@ def _one(prefix: str, linked: rrb.TimeAxis) -> rrb.Container:
         rrb.Horizontal(plot(MESH_TORQUE), plot(MESH_FRICTION), name="Gearbox"),
     )
     right = rrb.Vertical(
-        plot(ANGLE), plot(TORQUE), details, _lanes(prefix, linked), _texts(prefix), row_shares=[2.6, 2.6, 2.8, 2.8, 1.5]
+        plot(ANGLE), plot(TORQUE), details, _lanes(prefix, linked), _texts(prefix), row_shares=[2.5, 2.5, 2.7, 3.2, 1.4]
     )
     return rrb.Horizontal(left, right, column_shares=[2, 3])
 
@@ -158,7 +160,7 @@ def _plot(prefix: str, plot: Plot, linked: rrb.TimeAxis) -> rrb.View:
 
 
 def _lanes(prefix: str, linked: rrb.TimeAxis) -> rrb.View:
-    return rrb.StateTimelineView(origin=f"{prefix}/{LANES}", name="Power, hand, events", time_view=linked)
+    return rrb.StateTimelineView(origin=f"{prefix}/{LANES}", name="Power, hand, travel, events", time_view=linked)
 
 
 def _texts(prefix: str) -> rrb.Container:

@@ -116,6 +116,7 @@ class _Run:
         self._loop: list[Array] = []  # time [tick], angle [rad], torque [N·m], powered
         self._states: dict[str, str] = {}
         self._said: dict[str, layout.Color] = {}  # event -> colour
+        self._limits = _travel_limits(info.parameters)
         self._send_static(info)
 
     def write(self, block: Block) -> None:
@@ -164,7 +165,11 @@ class _Run:
             colors = [layout.PILOT, layout.MEASURED]
             look = rr.Arrows3D.from_fields(colors=colors, radii=[0.006], labels=list(ARROWS), show_labels=False)
             self._log(layout.FORCES, look)
-        for lane, states in ((layout.DRIVE_LANE, layout.DRIVE_STATES), (layout.HAND_LANE, layout.HAND_STATES)):
+        for lane, states in (
+            (layout.DRIVE_LANE, layout.DRIVE_STATES),
+            (layout.HAND_LANE, layout.HAND_STATES),
+            (layout.TRAVEL_LANE, layout.TRAVEL_STATES),
+        ):
             self._log(lane, rr.StateConfiguration(values=list(states), colors=list(states.values())))
 
     def _send_events(self, events: Sequence[Event]) -> None:
@@ -204,6 +209,9 @@ class _Run:
         powered = _powered(_column(rows, "/drive", "voltage") != 0.0)
         self._send_states(layout.DRIVE_LANE, ticks, np.where(powered, "power on", "power off"))
         self._send_states(layout.HAND_LANE, ticks, _hand_states(_column(rows, "/pilot", "squeeze")))
+        if self._limits:
+            beyond = np.digitize(np.abs(_column(rows, "/column", "angle")), self._limits)
+            self._send_states(layout.TRAVEL_LANE, ticks, np.array(list(layout.TRAVEL_STATES))[beyond])
         kept = ticks % LOOP_TICKS == 0
         angle, torque = _column(rows, "/column", "angle")[kept], _column(rows, "/load_cell", "torque")[kept]
         self._loop.append(np.stack([ticks[kept], angle, torque, powered[kept]], axis=1))
@@ -273,6 +281,14 @@ def _powered(driven: NDArray[np.bool_]) -> NDArray[np.bool_]:
 def _hand_states(squeeze: Array) -> NDArray[np.str_]:
     names = list(layout.HAND_STATES)
     return np.array(names)[np.digitize(squeeze, [0.0, 0.1, 0.6])]
+
+
+def _travel_limits(parameters: Mapping[str, Any]) -> list[float]:
+    """Column angles [rad], at the start of the run, where the feel model's first limit begins and the switches open."""
+    try:
+        return sorted([float(parameters["feel"]["aft_limit"]["angle"]), float(parameters["column"]["switch_angle"])])
+    except KeyError:
+        return []
 
 
 def _round_up(value: float) -> float:
