@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from cls_bench import tick
-from cls_bench.compiled import JIT
+from cls_bench.compiled import JIT, Callback
 from cls_bench.control import plc, servo, tuning
 from cls_bench.errors import BenchError, ControllerError, InputError
 from cls_bench.geometry import Geom
@@ -100,7 +100,9 @@ class Bench:
         self.data: Any = mujoco.MjData(self.model)
         self.plant = state.view(self.model, self.data)
         self._rng = np.random.Generator(np.random.PCG64(seed))
-        self._state: Any = np.zeros(1, dtype=tick.STATE).view(np.recarray)[0]
+        memory = np.zeros(1, dtype=tick.STATE)
+        self._state: Any = memory.view(np.recarray)[0]
+        self._outer_loop = _Asking(controller, memory)
         self._tick = 0
         self.plant.tendon_stiffness[state.GRIP] = 0.0  # the hand grips when the scenario says so
         self.plant.tendon_damping[state.GRIP] = 0.0
@@ -117,10 +119,7 @@ class Bench:
         hand = tick.Hand(none, none, none, np.zeros(0, np.bool_), np.zeros(0, np.bool_), none)
         noise = np.zeros((0, sensors.NOISES))
         _, trace = self._buffers(0, 0)
-        self._advance(hand, noise, trace, 0, 0, 0, False)
-        if self.controller is not None:
-            saved = self._state.copy()
-            tick.begin(self.plant, self._record, self._constants, saved, np.zeros(sensors.NOISES), 0)
+        self._advance(hand, noise, trace, 0, 0)
 
     @property
     def mjcf(self) -> Mapping[str, bytes]:
@@ -229,18 +228,15 @@ class Bench:
         noise = self._rng.standard_normal((ticks, sensors.NOISES))
         buffers, trace = self._buffers(first, ticks)
         powered = self._state.power
-        failure: BenchError | None = None
+        failure: BaseException | None = None
         with self._warnings(events):
-            if self.controller is None:
-                done = self._advance(hand, noise, trace, first, first, ticks, False)
-            else:
-                done, failure = self._advance_with(self.controller, hand, noise, trace, first, ticks)
-        if failure is None and done < ticks:
-            failure = DivergedError((first + done) * TICK_S, self._lost_signal())
+            done = self._advance(hand, noise, trace, first, ticks)
+        if done < ticks:
+            failure = self._outer_loop.failure or DivergedError((first + done) * TICK_S, self._lost_signal())
         if powered and not self._state.power:
             events.append(Event(int(self._state.trip_tick), "error", "safety", _trip_message(self._state.plc.trip)))
         if failure is not None:
-            events.append(Event(max(first + done - 1, first), "error", "simulation", str(failure)))
+            events.append(Event(max(first + done - 1, first), "error", "simulation", str(failure) or "interrupted"))
         self._tick = first + done
         if done or failure is not None:
             yield _cut(first, done, buffers, trace.poses, tuple(events))
@@ -257,36 +253,11 @@ class Bench:
         )  # fmt: skip
         return buffers, trace
 
-    def _advance(
-        self, hand: Any, noise: Any, trace: Any, block: int, first: int, ticks: int, external: bool
-    ) -> int:
+    def _advance(self, hand: Any, noise: Any, trace: Any, first: int, ticks: int) -> int:
         return tick.advance(
-            self.plant, self._record, self._constants, self._state, hand, noise, trace, block, first, ticks, external,
-            external,
+            self.plant, self._record, self._constants, self._state, hand, noise, trace, first, ticks,
+            self.controller is not None, self._outer_loop.ask,
         )  # fmt: skip
-
-    def _advance_with(
-        self, controller: OuterLoop, hand: Any, noise: Any, trace: Any, first: int, ticks: int
-    ) -> tuple[int, BenchError | None]:
-        """Run a block with the user's outer loop: one PLC cycle at a time, measurement before, command after."""
-        asked = self._state.plc
-        for at in range(first, first + ticks, PLC_TICKS):
-            tick.begin(self.plant, self._record, self._constants, self._state, noise[at - first], at)
-            if self._state.power and self._state.servo.mode != servo.OFF:
-                inputs = Inputs(
-                    at * TICK_S, float(asked.torque), float(asked.force), float(asked.angle), float(asked.velocity)
-                )
-                try:
-                    command = _ask(controller, inputs)
-                except ControllerError as error:
-                    return at - first, error
-                asked.set_angle, asked.set_velocity, asked.set_acceleration, asked.set_torque = command
-                model = self._state.feel
-                model.torque, model.angle, model.velocity = asked.torque, asked.set_angle, asked.set_velocity
-            done = self._advance(hand, noise, trace, first, at, PLC_TICKS, True)
-            if done < PLC_TICKS:
-                return at - first + done, None
-        return ticks, None
 
     @contextmanager
     def _warnings(self, events: list[Event]) -> Iterator[None]:
@@ -306,8 +277,32 @@ class Bench:
         return f"velocity of joint {state.JOINTS[tick.first_unbounded(self.plant)]}"
 
 
-def _ask(controller: OuterLoop, inputs: Inputs) -> Command:
-    """The user's answer; ControllerError of one line if there is none that can be used."""
+class _Asking:
+    """Asks a user's outer loop from within the compiled loop."""
+
+    def __init__(self, controller: OuterLoop | None, memory: Any):
+        self.failure: BaseException | None = None
+        """why the loop was stopped"""
+        self.ask = Callback(self._ask)
+        self._controller = controller
+        # Plain arrays: the fields of a record would take longer to reach than all the rest.
+        self._plc = memory["plc"][0:1].view(np.float64)
+        self._model = memory["feel"][0:1].view(np.float64)
+
+    def _ask(self, at: int) -> int:
+        force, torque, angle, velocity = self._plc[:4].tolist()
+        try:
+            command = _answer(self._controller, Inputs(at * TICK_S, torque, force, angle, velocity))
+        except BaseException as error:  # none may pass through the compiled loop, not even Ctrl-C
+            self.failure = error
+            return 1
+        self._plc[4:8] = command
+        self._model[[0, 1, 3]] = command.angle, command.velocity, torque
+        return 0
+
+
+def _answer(controller: Any, inputs: Inputs) -> Command:
+    """The user's command; ControllerError of one line if there is none that can be used."""
     where = f"{type(controller).__name__}.step"
     try:
         answer = controller.step(inputs)

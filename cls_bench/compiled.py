@@ -48,8 +48,8 @@ if JIT:
 
 
 def is_cached() -> bool:
-    """Whether an earlier run of these very sources left machine code behind."""
-    return not JIT or (_CACHE.is_dir() and any(_CACHE.rglob("*.nbi")))
+    """Whether an earlier run of these very sources left the loop's machine code behind."""
+    return not JIT or any(_CACHE.rglob("tick.advance-*.nbi"))
 
 
 def compiled(function: F) -> F:
@@ -61,6 +61,25 @@ def compiled(function: F) -> F:
     """
     njit: Any = numba.njit  # its types do not know all of its options
     return cast(F, njit(cache=True, nogil=True, error_model="numpy", forceinline=True, _nrt=False)(function))
+
+
+class Callback(types.WrapperAddressProtocol):
+    """A Python function of an integer, returning an integer, that compiled code can call; it must not raise."""
+
+    def __init__(self, function: Callable[[int], int]):
+        self._function = function
+        self._pointer = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64)(function)
+
+    def __wrapper_address__(self) -> int:
+        return ctypes.cast(self._pointer, ctypes.c_void_p).value or 0
+
+    def signature(self) -> Any:
+        """Its type in compiled code."""
+        return types.int64(types.int64)
+
+    def __call__(self, number: int) -> int:
+        """Call it from Python."""
+        return self._function(number)
 
 
 def _load_mujoco() -> None:

@@ -15,6 +15,7 @@ One tick k (50 µs)::
 The order is written here once, and every delay is a latch with its length in the parameters.
 """
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -106,7 +107,7 @@ def first_unbounded(plant: Plant) -> int:
 
 
 @compiled
-def begin(plant: Plant, p: Any, constants: Constants, state: Any, noise: Any, tick: int) -> None:
+def _measure(plant: Plant, p: Any, constants: Constants, state: Any, noise: Any, tick: int) -> None:
     """First part of a tick: sample the sensors, filter the speed; in a PLC tick put both on the bus and measure."""
     sensors.sample(plant, p, constants.dampings.load_cell, noise, state.samples)
     if tick % VELOCITY_TICKS == 0:
@@ -168,21 +169,22 @@ def _drive(p: Any, constants: Constants, state: Any, tick: int) -> None:
 @compiled
 def advance(
     plant: Plant, p: Any, constants: Constants, state: Any, hand: Hand, noise: Any, trace: Trace,
-    block_tick: int, first_tick: int, ticks: int, begun: bool, external: bool,
+    first_tick: int, ticks: int, external: bool, ask: Callable[[int], int],
 ) -> int:  # fmt: skip
-    """Run ``ticks`` ticks from ``first_tick`` on; returns how many were run, fewer only where a state left all bounds.
+    """Run ``ticks`` ticks from ``first_tick`` on, a PLC tick; returns how many were run.
 
-    ``hand``, ``noise`` and ``trace`` belong to the block that starts at ``block_tick``, a PLC tick. With ``begun``
-    the first tick's :func:`begin` has been done; with ``external`` the set values in ``state.plc`` come from a user's
-    outer loop.
+    Fewer are run only where a state left all bounds or ``ask`` refuses. ``hand``, ``noise`` and ``trace`` belong to
+    these ticks. With ``external`` the set values in ``state.plc`` come from a user's outer loop: ``ask`` is called with
+    the tick's number, reads the measurement there and writes them; it returns 0, or anything else to stop.
     """
-    for tick in range(first_tick, first_tick + ticks):
-        row = tick - block_tick
-        if not (begun and tick == first_tick):
-            begin(plant, p, constants, state, noise[row], tick)
+    for row in range(ticks):
+        tick = first_tick + row
+        _measure(plant, p, constants, state, noise[row], tick)
         if first_unbounded(plant) >= 0:
-            return tick - first_tick
+            return row
         if tick % PLC_TICKS == 0:
+            if external and state.power and state.servo.mode != servo.OFF and ask(tick) != 0:
+                return row
             _plc_task(p, constants, state, tick, external)
         _drive(p, constants, state, tick)
         latch.write(state.voltages, tick, 0, state.servo.voltage)
@@ -196,7 +198,7 @@ def advance(
             plant, p, constants.mesh_loss, constants.dampings, attached, squeeze
         )
         grip = grip_force(plant)
-        _trace_state(plant, state, trace, tick, block_tick, grip, height, squeeze if attached else -1.0)
+        _trace_state(plant, state, trace, tick, row, grip, height, squeeze if attached else -1.0)
         mj_step(plant.model, plant.data)
         # The forces of this state are known once MuJoCo has stepped from it.
         trace.gearbox[row, 0], trace.gearbox[row, 1] = twist1, torque1
@@ -206,7 +208,7 @@ def advance(
         if tick % VELOCITY_TICKS == 0:
             trace.drive[row // VELOCITY_TICKS, 7] = plant.actuator_force[MOTOR_DRIVE]
         if tick % POSE_TICKS == 0:
-            at = tick // POSE_TICKS - (block_tick + POSE_TICKS - 1) // POSE_TICKS
+            at = tick // POSE_TICKS - (first_tick + POSE_TICKS - 1) // POSE_TICKS
             _trace_poses(plant, trace.poses, at)
         for _ in range(1, p.simulation.substeps):
             plant_model.update(plant, p, constants.mesh_loss, constants.dampings, attached, squeeze)
@@ -225,9 +227,8 @@ def _trace_poses(plant: Plant, poses: NDArray[np.float64], at: int) -> None:
 
 @compiled
 def _trace_state(
-    plant: Plant, state: Any, trace: Trace, tick: int, block_tick: int, grip: float, height: float, squeeze: float
+    plant: Plant, state: Any, trace: Trace, tick: int, row: int, grip: float, height: float, squeeze: float
 ) -> None:
-    row = tick - block_tick
     trace.column[row, 0] = plant.qpos[COLUMN]
     trace.column[row, 1] = plant.qvel[COLUMN]
     trace.column[row, 2] = grip

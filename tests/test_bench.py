@@ -276,3 +276,17 @@ def test_a_diverging_run_says_when_and_what(tmp_path, monkeypatch, stiffness):
         assert "QACC" in warning.message
         assert warning.time == pytest.approx(error.time, abs=1e-3)
     assert not list(tmp_path.iterdir())  # MuJoCo leaves no log file of its own
+
+
+def test_ctrl_c_in_a_users_loop_passes_through():
+    class Interrupted:
+        def step(self, inputs):
+            if inputs.time >= 0.01:
+                raise KeyboardInterrupt
+            return Command(0.0)
+
+    scenario = parse_scenario('title = "test"\nduration = 0.2')
+    bench = Bench(scenario.parameters_at_start(), controller=Interrupted())
+    with pytest.raises(KeyboardInterrupt):
+        list(bench.run(scenario))
+    assert bench.time == pytest.approx(0.01)

@@ -1,0 +1,95 @@
+"""Interleaved measurement, and the table of ratios that ``make bench`` prints."""
+
+import statistics
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+
+PAGE = Path(__file__).parents[1] / "docs" / "performance.md"
+TABLE_STARTS, TABLE_ENDS = "<!-- ratios: begin -->\n", "<!-- ratios: end -->\n"
+
+Action = Callable[[], Any]
+
+
+class Figure(NamedTuple):
+    """A line of the table."""
+
+    key: str
+    meaning: str
+    value: float
+    unit: str
+    target: str
+    met: bool
+    detail: str
+
+    @property
+    def cells(self) -> tuple[str, ...]:
+        verdict = "" if not self.target else "met" if self.met else "missed"
+        return self.key, self.meaning, f"{self.value:.3g}{self.unit}", self.target, verdict, self.detail
+
+
+FIGURES: list[Figure] = []
+
+
+class Comparison:
+    """Runs actions in turn, again and again, so that whatever else the machine does falls on all of them alike."""
+
+    def __init__(self, benchmark: Any):
+        self._benchmark = benchmark
+
+    def times(self, actions: Mapping[str, Action], rounds: int) -> dict[str, list[float]]:
+        """Seconds of each action in each round; an action may return its own measurement instead."""
+        found: dict[str, list[float]] = {name: [] for name in actions}
+
+        def one_round() -> None:
+            for name, action in actions.items():
+                start = time.perf_counter()
+                answer = action()
+                found[name].append(answer if isinstance(answer, float) else time.perf_counter() - start)
+
+        self._benchmark.pedantic(one_round, rounds=rounds, iterations=1, warmup_rounds=1)
+        return {name: values[1:] for name, values in found.items()}
+
+    def record(
+        self, key: str, meaning: str, value: float, *, unit: str = "", most: float | None = None,
+        least: float | None = None, detail: str = "",
+    ) -> None:  # fmt: skip
+        """Put a figure into the table. A missed target is said there; it fails no one's build on a busy machine."""
+        target = f"≤ {most:g}{unit}" if most is not None else f"≥ {least:g}{unit}" if least is not None else ""
+        met = (most is None or value <= most) and (least is None or value >= least)
+        FIGURES.append(Figure(key, meaning, value, unit, target, met, detail))
+        self._benchmark.extra_info[meaning] = value
+
+
+@pytest.fixture
+def comparison(benchmark: Any) -> Comparison:
+    return Comparison(benchmark)
+
+
+def ratio(times: Mapping[str, list[float]], over: str, under: str) -> float:
+    """Median over the rounds of one action's time over another's in the same round."""
+    return statistics.median(a / b for a, b in zip(times[over], times[under], strict=True))
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--write-page", action="store_true", help="put the table into docs/performance.md")
+
+
+def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:
+    if not FIGURES:
+        return
+    rows = [("", "what", "measured", "target", "", "detail"), *(figure.cells for figure in FIGURES)]
+    widths = [max(len(row[k]) for row in rows) for k in range(5)]
+    terminalreporter.section("ratios")
+    for row in rows:
+        cells = [cell.ljust(width) for cell, width in zip(row, widths, strict=False)]
+        terminalreporter.write_line("  ".join((*cells, row[5])).rstrip())
+    if config.getoption("--write-page"):
+        before, rest = PAGE.read_text(encoding="utf-8").split(TABLE_STARTS)
+        lines = ["| " + " | ".join(row) + " |" for row in rows]
+        lines.insert(1, "|---" * 6 + "|")
+        table = "\n" + "\n".join(lines) + "\n\n"
+        PAGE.write_text(before + TABLE_STARTS + table + TABLE_ENDS + rest.split(TABLE_ENDS)[1], encoding="utf-8")

@@ -1,0 +1,97 @@
+"""(c) recording, (e) sweeps on two workers, (g) memory over duration."""
+
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+from benchmarks.conftest import Comparison, ratio
+from benchmarks.scenarios import sway
+from cls_bench.bench import Bench
+from cls_bench.experiment import run_info
+from cls_bench.recording import Recorder
+from cls_bench.sweep.core import evaluate_points
+from cls_bench.sweep.runs import ScenarioAt
+
+DURATION = 10.0
+
+
+def _run(folder: Path | None, *, rerun: bool = False) -> float:
+    """Seconds of a run from its first tick until its files are closed."""
+    scenario = sway(DURATION)
+    bench = Bench(scenario.parameters_at_start())
+    bench.compile()
+    if folder is None:
+        start = time.perf_counter()
+        for _ in bench.run(scenario):
+            pass
+        return time.perf_counter() - start
+    shutil.rmtree(folder, ignore_errors=True)
+    with Recorder(folder / "run", run_info(scenario, bench), rerun=rerun) as recorder:
+        start = time.perf_counter()
+        for block in bench.run(scenario):
+            recorder.write(block)
+        recorder.finish("complete")
+        return time.perf_counter() - start
+
+
+def test_recording(comparison: Comparison, tmp_path: Path) -> None:
+    times = comparison.times(
+        {
+            "none": lambda: _run(None),
+            "mcap": lambda: _run(tmp_path / "a"),
+            "both": lambda: _run(tmp_path / "b", rerun=True),
+        },
+        7,
+    )
+    for name, meaning, most in (("mcap", "run with MCAP", 1.15), ("both", "run with MCAP and .rrd", 1.30)):
+        best = min(times[name])
+        comparison.record(
+            "c", f"{meaning} ÷ without recording", ratio(times, name, "none"), most=most,
+            detail=f"{DURATION:g} s in {best:.2f} s: {DURATION / best:.1f} times real time",
+        )  # fmt: skip
+
+
+def test_sweep_on_two_workers(comparison: Comparison) -> None:
+    scenario = sway(1.0)
+    evaluate = ScenarioAt(scenario.source, None, tuple(scenario.checks))
+    points = [{"feel.inertia": 0.3 + 0.01 * k} for k in range(24)]
+    times = comparison.times(
+        {f"{n}": lambda n=n: _sweep(evaluate, points, n) for n in (1, 2)},  # type: ignore[misc]
+        5,
+    )
+    best = min(times["2"])
+    comparison.record(
+        "e", "sweep on 1 worker ÷ on 2", ratio(times, "1", "2"), least=1.9,
+        detail=f"{len(points)} runs of 1 s in {best:.2f} s on two threads",
+    )  # fmt: skip
+
+
+def _sweep(evaluate: ScenarioAt, points: list[dict[str, float]], workers: int) -> None:
+    rows = evaluate_points(evaluate, points, scheduler=f"threads:{workers}")
+    assert not any(row.error for row in rows)
+
+
+PEAK = """
+import resource, sys
+from pathlib import Path
+from benchmarks.scenarios import sway
+from cls_bench.experiment import run
+run(sway(float(sys.argv[1])), out=Path(sys.argv[2]), rerun=False)
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+"""
+
+
+def test_memory_over_duration(comparison: Comparison, tmp_path: Path) -> None:
+    def peak(duration: float) -> float:
+        command = [sys.executable, "-c", PEAK, str(duration), str(tmp_path)]
+        answer = subprocess.run(command, capture_output=True, text=True, check=True, cwd=Path(__file__).parents[1])
+        return float(answer.stdout)
+
+    sizes = {duration: peak(duration) for duration in (10.0, 60.0)}
+    times = comparison.times({"long": lambda: peak(600.0)}, 1)
+    comparison.record(
+        "g", "peak memory of a ten-minute run with MCAP", max(times["long"]), unit=" MB", most=500,
+        detail=", ".join(f"{size:.0f} MB for {duration:g} s" for duration, size in sizes.items()),
+    )  # fmt: skip
