@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: help demo test test-slow lint check clean
+.PHONY: help demo test test-slow lint check bench verify pictures clean
 
 help:  ## Show the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -23,6 +23,15 @@ lint: $(VENV)/.installed-dev  ## Style, types and import contracts
 	$(BIN)/lint-imports
 
 check: lint test  ## What CI runs
+
+verify: $(VENV)/.installed  ## Hold the plant against closed forms, independent integrations and published results
+	$(BIN)/cls-bench verify
+
+bench: $(VENV)/.installed-dev  ## Measure speed, as ratios side by side
+	$(BIN)/python -m pytest benchmarks
+
+pictures: $(VENV)/.installed-dev  ## Make the pictures of README and gallery anew
+	$(BIN)/python -m cls_bench.report.readme_pictures docs
 
 clean:  ## Remove the virtual environment and all caches
 	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
