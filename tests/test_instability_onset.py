@@ -218,7 +218,7 @@ def test_frequency_response_command(tmp_path):
     assert {Path(path).name for path in found["files"]} == {
         "open.csv", "bode_open.svg", "bode_open.png", "nyquist.svg", "nyquist.png"
     }  # fmt: skip
-    assert 45 < found["numbers"]["open"]["at [Hz]"] < 60
+    assert 45 < found["numbers"]["open"]["phase_crossover_Hz"] < 60
 
 
 @pytest.mark.parametrize(

@@ -191,20 +191,19 @@ def _numbers(response: "FrequencyResponse", kind: str, loop: str) -> dict[str, f
     """What is read off a response, with units in the names."""
     crossover, magnitude = response.phase_crossover()
     decibel = 20.0 * math.log10(magnitude) if magnitude > 0 else math.nan
-    found = {"lowest coherence": float(response.coherence.min())}
+    found = {"lowest_coherence": float(response.coherence.min())}
     if loop == "rendered-admittance":
         return found
     if kind == "closed":
         peak_at, peak = response.resonance()
         return {
-            "bandwidth (−3 dB) [Hz]": response.bandwidth(), "phase crossover f_180 [Hz]": crossover,
-            "magnitude there M_P180 [dB]": decibel, "resonance peak [dB]": 20.0 * math.log10(peak),
-            "resonance at [Hz]": peak_at, **found,
+            "bandwidth_Hz": response.bandwidth(), "f_180_Hz": crossover, "M_P180_dB": decibel,
+            "resonance_dB": 20.0 * math.log10(peak), "resonance_Hz": peak_at, **found,
         }  # fmt: skip
     gain, at_gain, phase, at_phase = response.margins()
     return {
-        "gain margin [dB]": 20.0 * math.log10(gain) if 0 < gain < math.inf else gain, "at [Hz]": at_gain,
-        "phase margin [deg]": math.degrees(phase), "gain crossover [Hz]": at_phase, **found,
+        "gain_margin_dB": 20.0 * math.log10(gain) if 0 < gain < math.inf else gain, "phase_crossover_Hz": at_gain,
+        "phase_margin_deg": math.degrees(phase), "gain_crossover_Hz": at_phase, **found,
     }  # fmt: skip
 
 

@@ -168,9 +168,17 @@ def stabilisers(found: list[Least], high: float) -> Figure:
         same = abs(row.simulated - base) <= 0.03 * base
         color = COLOR["expected" if same else "third" if row.simulated < base else "model"]
         ax.barh(y, ends, height=0.55, color=color)
-        text = f"{row.simulated:.3f}" if math.isfinite(row.simulated) else f"unstable up to {high:g}"
-        beyond = max(ends, row.predicted) if math.isfinite(row.predicted) else ends
-        ax.annotate(text, (beyond, y), textcoords="offset points", xytext=(7, 0), va="center", fontsize=8.5)
+        if math.isfinite(row.simulated):
+            beyond = max(ends, row.predicted) if math.isfinite(row.predicted) else ends
+            ax.annotate(
+                f"{row.simulated:.3f}", (beyond, y), textcoords="offset points", xytext=(7, 0), va="center",
+                fontsize=8.5,
+            )  # fmt: skip
+        else:
+            ax.annotate(
+                f"unstable at all up to {high:g}", (0.0, y), textcoords="offset points", xytext=(7, 0), va="center",
+                fontsize=8.5, color="white",
+            )  # fmt: skip
         if math.isfinite(row.predicted) and row.predicted > 0:
             ax.plot(row.predicted, y, "D", color="white", markeredgecolor=COLOR["ink"], markersize=5.5)
     ax.plot([], [], "D", color="white", markeredgecolor=COLOR["ink"], markersize=5.5, label="linear model")

@@ -43,6 +43,9 @@ STEPPED, MULTISINE, CHIRP = "stepped-sine", "multisine", "chirp"
 SETTLE = 0.3
 """Time given to transients before a spectrum is taken [s]."""
 
+LINES = 50
+"""Frequencies asked of a multisine; fewer remain where its grid is coarser than their spacing."""
+
 PERIODS = 4
 """Fewest periods of a stepped sine in its window."""
 
@@ -152,7 +155,7 @@ def _multisine(e: Excitation) -> _Signal:
     """
     period = max(0.5, math.ceil(2.0 / e.low) / 2.0)
     cycles = round(period / PLC_S)
-    lines = np.unique(np.round(np.geomspace(math.ceil(e.low * period - 1e-9), e.high * period, 50)).astype(int))
+    lines = np.unique(np.round(np.geomspace(math.ceil(e.low * period - 1e-9), e.high * period, LINES)).astype(int))
     frequencies = lines / (cycles * PLC_S)
     lead = round(SETTLE / PLC_S)
     rng = np.random.default_rng(e.seed)
