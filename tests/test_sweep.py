@@ -3,6 +3,7 @@
 import itertools
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -539,3 +540,16 @@ def test_schedulers_by_name() -> None:
     assert make_engine("threads:3") == Threads(3)
     assert make_engine("local-cluster:2") == Dask(workers=2)
     assert make_engine("tcp://host:8786") == Dask(address="tcp://host:8786")
+
+
+def test_sweeps_shown_in_the_guide_are_valid(tmp_path: Path) -> None:
+    texts = re.findall(
+        r"^```toml sweep\n(.*?)^```", (ROOT / "docs" / "sweeps.md").read_text(), re.MULTILINE | re.DOTALL
+    )
+    assert texts
+    for text in texts:
+        path = tmp_path / "shown.toml"
+        path.write_text(text)
+        plan = load_sweep(path)
+        assert len(plan.sweep.points) == 5 * 2 * 20
+        assert [check.name for check in plan.checks] == ["squeezed_amplitude", "torque_ripple"]
