@@ -119,12 +119,6 @@ class Plant:
         block = expm(np.block([[a, b], [np.zeros((2, 2 * n + 3))]]) * period)
         return block[: 2 * n + 1, : 2 * n + 1], block[: 2 * n + 1, 2 * n + 1 :]
 
-    def poles(self) -> ComplexArray:
-        """Poles of the plant with the motor's terminals shorted [rad/s]: the resonances are among them."""
-        n = self.freedoms
-        transition, _ = self.sampled(TICK_S)
-        return np.asarray(np.log(np.linalg.eigvals(transition[: 2 * n + 1, : 2 * n + 1]).astype(complex)) / TICK_S)
-
 
 def _spring(n: int, value: float, coefficients: Mapping[int, float]) -> Array:
     """Matrix of a spring or damper over Σ coefficient · q."""

@@ -176,7 +176,7 @@ def stabilisers(found: list[Least], high: float) -> Figure:
             )  # fmt: skip
         else:
             ax.annotate(
-                f"unstable at all up to {high:g}", (0.0, y), textcoords="offset points", xytext=(7, 0), va="center",
+                "unstable throughout", (0.0, y), textcoords="offset points", xytext=(7, 0), va="center",
                 fontsize=8.5, color="white",
             )  # fmt: skip
         if math.isfinite(row.predicted) and row.predicted > 0:
@@ -190,5 +190,5 @@ def stabilisers(found: list[Least], high: float) -> Figure:
     ax.set_xlim(0.0, min(1.15 * high, 1.25 * max(finite)))
     ax.set_xlabel("least stable simulated inertia I_fcs, tight grip [kg·m²]")
     _title(ax, "What helps")
-    legend(ax, place="lower right")
+    legend(ax, place="upper right")
     return figure

@@ -6,7 +6,7 @@ after an interruption.
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_limits
 
 from cls_bench.analysis.linear import forward_inertia
 from cls_bench.analysis.prediction import growth_rate, rule
-from cls_bench.analysis.variation import Setup, Variation, ideal, variation
+from cls_bench.analysis.variation import Setup, Variation, variation
 from cls_bench.stability import trial
 from cls_bench.stability.trial import Standard
 from cls_bench.sweep.core import Report, evaluate_points
@@ -159,8 +159,3 @@ def table(result: StabilityMap) -> list[dict[str, Any]]:
         predicted = growth_rate(result.grid.y.apply(result.grid.x.apply(result.setup, x), y))
         lines.append({**row.point, **row.values, "predicted_growth": predicted, "error": row.error})
     return lines
-
-
-def without_nonlinearities(setup: Setup) -> Setup:
-    """``setup`` with friction, backlash, noise and coarse counts off."""
-    return replace(setup, parameters=ideal(setup.parameters))

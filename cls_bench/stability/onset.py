@@ -43,11 +43,6 @@ class Onset:
     simulated: float
     """time simulated in all [s]"""
 
-    @property
-    def above(self) -> bool:
-        """Whether the bench is stable above the onset (as over I_fcs) and not below it."""
-        return self.stable_at is not None and self.unstable_at is not None and self.stable_at > self.unstable_at
-
 
 def find(
     setup: Setup,
