@@ -120,8 +120,8 @@ class Gearbox(Section):
     """Neugart PLN070, two planetary stages of ratio 5."""
 
     ratio: float = quantity(
-        5.0, "1", "ratio of each stage", "thesis 3.2.2: 25 in two stages; 5 × 5 is the maker's usual split", gt=1
-    )
+        5.0, "1", "ratio of each stage", "thesis 3.2.2: 25 in two stages; 5 × 5 is the maker's usual split", ge=2,
+    )  # fmt: skip
     input_inertia: float = quantity(
         2.13e-5, "kg·m²", "sun of stage 1, its planets and the coupling, at the motor shaft",
         "thesis table 3.3: 2.49e-5 in all, less the two carriers below as seen from the motor", gt=0,
@@ -135,7 +135,7 @@ class Gearbox(Section):
     )
     efficiency: float = quantity(
         0.85, "1", "overall efficiency when the motor drives at rated_torque; sets the load-dependent mesh loss",
-        "thesis 3.2.2", gt=0.1, le=1,
+        "thesis 3.2.2", ge=0.25, le=1,
     )  # fmt: skip
     rated_torque: float = quantity(
         1.0, "N·m", "motor torque at which the efficiency holds", "thesis 3.2.2: the stall torque", gt=0

@@ -66,6 +66,8 @@ def build_spec(p: Parameters, *, scene: bool = True) -> mujoco.MjSpec:
     """The MJCF of ``models/`` with every number from ``p``; with or without floor, light and cameras."""
     spec = mujoco.MjSpec.from_file(str(model_folder() / ("scene.xml" if scene else "cls_bench.xml")))
     spec.option.timestep = TICK_S / p.simulation.substeps
+    # As stiff as the step allows: two steps' time constant. Softer, the rod end would swing on the load cell alone.
+    spec.equality("linkage_closure").solref = [2.0 * spec.option.timestep, 1.0]
     spec.option.gravity = [0.0, 0.0, -GRAVITY]
     damping = dampings(p)
     _place_masses(spec, p)
