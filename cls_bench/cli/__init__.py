@@ -10,6 +10,7 @@ import click
 
 from cls_bench.cli import basics, report, stability
 from cls_bench.cli.sweep import sweep
+from cls_bench.cli.verify import verify
 from cls_bench.cli.view import view
 from cls_bench.errors import BenchError
 
@@ -46,6 +47,7 @@ for _command in (basics.run, basics.list_, basics.validate, basics.schema):
     main.add_command(_command)
 main.add_command(sweep)
 main.add_command(view)
+main.add_command(verify)
 for _command in (report.report, report.compare, report.gallery, report.render):
     main.add_command(_command)
 for _command in (

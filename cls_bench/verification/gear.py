@@ -171,7 +171,7 @@ def efficiency(subject: Subject) -> Iterator[Row]:
         for name in ("stage1", "stage2")
     }
     p = p.model_copy(update={"gearbox": p.gearbox.model_copy(update=stages)})
-    group, law = "drive and back-drive", "definition: drag, then mesh loss, stage by stage"
+    group, law = "drive and back-drive", "definition, stage by stage"
     yield Row(group, "efficiency, motor drives at 1 N·m", "1", 0.85, "thesis 3.2.2",
               _efficiency(subject, p, 1.0, back=False), 0.005)  # fmt: skip
     for torque in (0.25, 0.5, 2.0, 4.0):

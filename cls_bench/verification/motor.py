@@ -63,7 +63,7 @@ def envelope(subject: Subject) -> Iterator[Row]:
         return float(_run_at(_locked(subject), current * p.motor.resistance, 0.02)[-1, 3])
 
     yield Row(GROUP, "torque held at the peak current of 20.38 A", "N·m", 6.0, sheet, held(20.38), 0.01)
-    yield Row(GROUP, "torque held at the stall current of 3.45 A", "N·m", 1.0, f"{sheet} (current to two digits)",
+    yield Row(GROUP, "torque held at the stall current of 3.45 A", "N·m", 1.0, sheet,
               held(3.45), 0.02)  # fmt: skip
     free = subject.element(p, ("motor",), ("motor",))
     speed = _run_at(free, free.parameters.drive.voltage_limit, 0.15)[:, 0]

@@ -1,0 +1,83 @@
+"""verify: the plant held against closed forms, references and independent integrations."""
+
+import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from cls_bench.cli.output import make_console
+from cls_bench.errors import OutputError
+
+if TYPE_CHECKING:
+    from cls_bench.verification import Row
+
+
+@click.command()
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of a table.")
+@click.option("--page", type=click.Path(dir_okay=False, path_type=Path), help="Also write the table as Markdown.")
+@click.pass_context
+def verify(ctx: click.Context, as_json: bool, page: Path | None) -> None:
+    """Hold the plant against results that were not made by it.
+
+    Closed forms, published references, an independent integration, energy and convergence: one row each. Takes about a
+    minute on two cores. Exit code 1 if a row falls short.
+    """
+    from cls_bench import verification
+
+    with _progress() as progress:
+        rows = verification.verify(progress)
+    passed = all(row.passed for row in rows)
+    if as_json:
+        table = {"passed": passed, "rows": [row.to_json() for row in rows]}
+        click.echo(json.dumps(table, indent=2, ensure_ascii=False, allow_nan=False))
+    else:
+        _print_rows(rows)
+    if page is not None:
+        try:
+            page.write_text(verification.render(rows), encoding="utf-8")
+        except OSError as error:
+            raise OutputError(f"cannot write {page}: {error.strerror}") from None
+    ctx.exit(0 if passed else 1)
+
+
+def _print_rows(rows: "list[Row]") -> None:
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
+    from cls_bench.verification import page
+
+    console = make_console()
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for title in ("", "quantity", "unit", "expected", "source", "obtained", "deviation", "limit", "verdict"):
+        right = title in ("expected", "obtained", "deviation", "limit")
+        table.add_column(title, justify="right" if right else "left", overflow="fold")
+    group = ""
+    for row in rows:
+        style = "green" if row.passed else "bold red"
+        table.add_row(
+            row.group if row.group != group else "", row.quantity, row.unit, page.number(row.expected), row.source,
+            page.number(row.obtained), page.deviation(row), page.limit(row), Text(page.verdict(row), style),
+        )  # fmt: skip
+        group = row.group
+    console.print(table)
+    short = sum(not row.passed for row in rows)
+    console.print(f"{len(rows)} rows, {short or 'none'} of which fall short")
+
+
+@contextmanager
+def _progress() -> Iterator[Callable[[int, int], None]]:
+    """A progress bar on a terminal's standard error."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    console = Console(stderr=True)
+    with Progress(
+        TextColumn("verifying"), BarColumn(), MofNCompleteColumn(), TextColumn("cases"), TimeElapsedColumn(),
+        console=console, transient=True, disable=not console.is_terminal,
+    ) as bar:  # fmt: skip
+        task = bar.add_task("", total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)

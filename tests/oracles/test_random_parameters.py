@@ -1,0 +1,38 @@
+"""Parameters drawn by hypothesis within their bounds: each set runs, or is refused with a reason."""
+
+import pytest
+from hypothesis import HealthCheck, given, reject, settings
+from hypothesis import strategies as st
+
+from cls_bench.verification.random_trials import random_parameters, trial
+
+
+def check(data: st.DataObject, bold: float) -> None:
+    # One seed rather than a hundred numbers: hypothesis has nothing to shrink in a set that fails as a whole.
+    random = data.draw(st.randoms(use_true_random=False, note_method_calls=False))
+    try:
+        parameters = random_parameters(random.random, bold=bold)
+    except ValueError:
+        reject()  # refused by the parameters themselves
+    outcome = trial(parameters, seed=0)
+    assert outcome == "ran" or outcome.startswith("refused: parameters.")
+
+
+def profile(examples: int) -> settings:
+    return settings(
+        max_examples=examples, deadline=None, derandomize=True, database=None,
+        suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much],
+    )  # fmt: skip
+
+
+@profile(25)
+@given(st.data())
+def test_near_the_defaults(data: st.DataObject) -> None:
+    check(data, bold=0.02)
+
+
+@pytest.mark.slow
+@profile(200)
+@given(st.data())
+def test_far_from_the_defaults(data: st.DataObject) -> None:
+    check(data, bold=0.1)
