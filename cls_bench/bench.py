@@ -2,6 +2,8 @@
 
 import math
 import platform
+import threading
+import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import cached_property
@@ -266,15 +268,26 @@ class Bench:
         def log(message: str) -> None:
             events.append(Event(round(self.data.time / TICK_S), "warning", "simulation", message))
 
-        before = mujoco.get_mju_user_warning()
-        mujoco.set_mju_user_warning(log)
+        mujoco.set_mju_user_warning(_hear)
+        _listening.log = log
         try:
             yield
         finally:
-            mujoco.set_mju_user_warning(before)
+            _listening.log = None
 
     def _lost_signal(self) -> str:
         return f"velocity of joint {state.JOINTS[tick.first_unbounded(self.plant)]}"
+
+
+_listening = threading.local()
+"""To whom MuJoCo's warnings go: the bench that runs in the thread. MuJoCo has one handler for all threads."""
+
+
+def _hear(message: str) -> None:
+    if (log := getattr(_listening, "log", None)) is not None:
+        log(message)
+    else:  # someone else's simulation
+        warnings.warn(message, RuntimeWarning, stacklevel=2)
 
 
 class _Asking:

@@ -5,6 +5,7 @@ import math
 import os
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 
 import mujoco
 import numpy as np
@@ -255,10 +256,16 @@ def test_something_without_a_step_is_refused():
 # --- a run that leaves all bounds ------------------------------------------------------------------------------------
 
 
+def let_any_stiffness_in(monkeypatch):
+    for place in ("scenario", "step_limit"):
+        monkeypatch.setattr(f"cls_bench.{place}.unstable_parameter", lambda *_: None)
+
+
 @pytest.mark.parametrize("stiffness", ["1e9", "1e15"])
 def test_a_diverging_run_says_when_and_what(tmp_path, monkeypatch, stiffness):
-    """A mesh far too stiff for the step: the numbers explode, MuJoCo must not start anew in silence."""
+    """A mesh far too stiff for the step, let in for once: the numbers explode, and MuJoCo must not start anew."""
     monkeypatch.chdir(tmp_path)
+    let_any_stiffness_in(monkeypatch)
     r = run(SWAY, duration=0.5, set=[f"gearbox.stage1.stiffness={stiffness}"])
     error = r.error
     assert isinstance(error, DivergedError)
@@ -276,6 +283,18 @@ def test_a_diverging_run_says_when_and_what(tmp_path, monkeypatch, stiffness):
         assert "QACC" in warning.message
         assert warning.time == pytest.approx(error.time, abs=1e-3)
     assert not list(tmp_path.iterdir())  # MuJoCo leaves no log file of its own
+
+
+def test_warnings_go_to_the_bench_whose_thread_they_come_from(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    let_any_stiffness_in(monkeypatch)
+    with ThreadPoolExecutor(2) as pool:
+        sound, wild = pool.map(
+            lambda stiffness: run(SWAY, duration=0.5, set=[f"gearbox.stage1.stiffness={stiffness}"]), ("4000.0", "1e15")
+        )
+    assert [e.level for e in sound.events if e.source == "simulation"] == []
+    assert [e.level for e in wild.events if e.source == "simulation"] == ["warning", "error"]
+    assert not list(tmp_path.iterdir())
 
 
 def test_ctrl_c_in_a_users_loop_passes_through():
