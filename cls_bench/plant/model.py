@@ -101,7 +101,8 @@ def stepped_spec(p: Parameters) -> mujoco.MjSpec:
     is an eighth of its time.
     """
     spec = build_spec(p, scene=False)
-    for item in (*spec.geoms, *spec.sites, *spec.cameras, *spec.lights):
+    spec.compiler.discardvisual = True
+    for item in (*spec.sites, *spec.cameras, *spec.lights):
         spec.delete(item)
     return spec
 
