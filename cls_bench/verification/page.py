@@ -46,8 +46,8 @@ A second model in minimal coordinates, written down by hand (`cls_bench/verifica
 SciPy with tight tolerance, follows the same torques on motor and column. Limit: 0.1 % of the travel to one side.
 Nothing but the two torques guides the column, and friction that ripples with the teeth makes its path unstable: a
 deviation grows twenty- to eightyfold from the first second to the second. At the bench's own 50 µs it stays within the
-limit for the first second and reaches 0.9 % (smooth) and 1.4 % (backlash) of the travel in the second, so the comparison
-over 2 s, which is to tell laws apart and not steps, is made at 1.6 µs; see "convergence" for what the step does.""",
+limit for the first second and reaches 0.9 % (smooth) and 1.4 % (backlash) of the travel in the second. So the
+comparison over 2 s, which is to tell laws apart and not steps, is made at 1.6 µs; see "convergence" for the steps.""",
     "convergence": """\
 The same records over 1 s, for steps from 50 µs down, then the bench as it is used: with the controller guiding the
 column. There, 50 µs is enough.""",
