@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import solve_ivp
 
 from cls_bench.parameters import Feel, Parameters
 
@@ -47,6 +46,8 @@ def expected_response(p: Parameters, angle: float, times: Array) -> Array:
     Solved piece by piece between reversals (an event of the integrator); at a reversal the body stays where it is if
     friction holds it.
     """
+    from scipy.integrate import solve_ivp  # takes longer to import than a short run to simulate
+
     feel = p.feel
     inertia = feel.inertia + forward_inertia(p)
     friction = feel.friction + p.column.coulomb_friction

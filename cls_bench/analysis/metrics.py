@@ -7,8 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
-from scipy.signal import butter, sosfiltfilt
 
 from cls_bench.analysis import free_response
 from cls_bench.analysis.window import Window, split_signal, unit_of
@@ -161,6 +159,8 @@ def breakout_torque(window: Window, threshold_deg: float, below_hz: float) -> fl
     angle = window["/column.angle"]
     moved = np.flatnonzero(np.abs(angle - angle[0]) > threshold_deg * DEG)
     until = int(moved[0]) + 1 if len(moved) else len(angle)
+    from scipy.signal import butter, sosfiltfilt  # takes longer to import than a short run to simulate
+
     sos = butter(2, below_hz, fs=window.rate, output="sos")
     torque = sosfiltfilt(sos, window["/load_cell.torque"])[:until]
     return float(np.max(np.abs(torque)))
@@ -215,6 +215,8 @@ def _lagged_error(window: Window, lag: float) -> Array:
 
 
 def _lag(window: Window) -> float:
+    from scipy.optimize import minimize_scalar
+
     best = minimize_scalar(
         lambda lag: float(np.mean(_lagged_error(window, lag) ** 2)),
         bounds=(0.0, LONGEST_LAG), method="bounded", options={"xatol": 1e-5},
@@ -268,6 +270,8 @@ def tracking_phase_lag_ms(window: Window, frequency: float) -> float:
 
 def _above(x: Array, frequency: float, window: Window) -> Array:
     """High pass without phase; a window of a few periods at least is needed to be exact."""
+    from scipy.signal import butter, sosfiltfilt
+
     sos = butter(4, frequency, "highpass", fs=window.rate, output="sos")
     return np.asarray(sosfiltfilt(sos, x, padlen=min(len(x) - 1, int(2.0 * window.rate / frequency))))
 
