@@ -21,12 +21,13 @@ def print_table(header: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> Non
     """A table that fits the terminal, or 80 columns."""
     from rich import box
     from rich.table import Table
+    from rich.text import Text
 
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     for k, title in enumerate(header):
         table.add_column(title, overflow="fold", no_wrap=k == 0)
     for row in rows:
-        table.add_row(*row)
+        table.add_row(*(Text(cell) for cell in row))  # as it is: brackets are units, no markup
     make_console().print(table)
 
 
@@ -48,14 +49,14 @@ def print_result(result: "Result") -> None:
     from rich.text import Text
 
     console = make_console()
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, title=result.scenario.title, title_justify="left")
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, title=Text(result.scenario.title), title_justify="left")
     for title in ("measured", "value", "unit", "limits", ""):
         table.add_column(title, justify="right" if title == "value" else "left")
     for r in result.checks:
         low, high = r.check.min, r.check.max
         limits = " and ".join(f"{sign} {number(x)}" for sign, x in (("≥", low), ("≤", high)) if x is not None)
         verdict = Text("") if not r.judged else Text("passed", "green") if r.passed else Text("FAILED", "bold red")
-        table.add_row(r.check.name, number(r.value), r.unit, limits, verdict)
+        table.add_row(Text(r.check.name), number(r.value), r.unit, limits, verdict)
     console.print(table)
     style = {"passed": "green", "failed": "bold red", "diverged": "bold red"}[result.status]
     line = Text.assemble((result.status.upper(), style), f" {result.message}" if result.message else "")
