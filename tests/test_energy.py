@@ -73,7 +73,7 @@ def test_length_of_blocks_makes_no_difference(sweep: tuple[list[Block], Paramete
 def test_reads_a_recording(recorded: Runner) -> None:
     result = recorded("motion_tracking")
     recording = Recording(result.mcap)
-    books = audit(recording.blocks(), result.scenario.parameters_at_start())
+    books = audit(recording.blocks(), Parameters(**recording.parameters))
     assert abs(books.relative_residual) < 5e-3
     assert books.losses["stage 1 friction"] > books.losses["column bearing"] > 0.0
 

@@ -278,7 +278,11 @@ def _crank(crank: float, rod: float, arm: float, phi: Array, stretch: Array) -> 
 
 
 def audit(blocks: Iterable[Block], parameters: Parameters) -> EnergyAudit:
-    """Audit a run from its ``blocks``: those of a bench, or ``recording.blocks()``.
+    """Audit a run from its ``blocks``: those of a bench, or those of a recording::
+
+        recording = Recording(path)
+        books = audit(recording.blocks(), Parameters(**recording.parameters))
+        books.watts()
 
     Parameters of the plant hold for a whole run, so ``parameters`` are those of its start. The audit is made for one
     plant step a tick; with ``simulation.substeps`` above 1 it balances a little less well. Raises

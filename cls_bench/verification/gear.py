@@ -11,6 +11,7 @@ from cls_bench.parameters import Gearbox, GearStage, Motor, Parameters, Simulati
 from cls_bench.plant.gearbox import update_stage
 from cls_bench.plant.state import Plant
 from cls_bench.verification.reading import Array, at, crossing, start
+from cls_bench.verification.reduced_model import mesh_loss
 from cls_bench.verification.row import Row
 from cls_bench.verification.subject import Specimen, Subject
 
@@ -138,29 +139,16 @@ def _expected_driving(p: Parameters, torque: float) -> float:
             t = (t - stage.drag) / (1.0 + loss) * box.ratio
         return t
 
-    loss = _mesh_loss(p)
+    loss = mesh_loss(p)
     return out(loss, torque) / (torque * box.ratio**2)
 
 
 def _expected_back(p: Parameters, torque: float) -> float:
     box = p.gearbox
-    loss, t = _mesh_loss(p) * box.backdrive_loss_ratio, torque
+    loss, t = mesh_loss(p) * box.backdrive_loss_ratio, torque
     for stage in (box.stage2, box.stage1):
         t = t / box.ratio * (1.0 - loss) - stage.drag
     return t * box.ratio**2 / torque
-
-
-def _mesh_loss(p: Parameters) -> float:
-    """The loss that gives the stated efficiency at rated torque, by bisection of its definition."""
-    box = p.gearbox
-    low, high = 0.0, 1.0
-    for _ in range(60):
-        loss = 0.5 * (low + high)
-        t = box.rated_torque
-        for stage in (box.stage1, box.stage2):
-            t = (t - stage.drag) / (1.0 + loss) * box.ratio
-        low, high = (loss, high) if t > box.efficiency * box.rated_torque * box.ratio**2 else (low, loss)
-    return 0.5 * (low + high)
 
 
 def efficiency(subject: Subject) -> Iterator[Row]:

@@ -13,8 +13,8 @@ INTRODUCTION = """\
 Every claim of the plant beside a result that was not made by it: a closed form, an independent integration, or a
 reference of others. The elements are cut out of the very model that the bench is built of; "deviation" is obtained
 less expected, in the unit of the row or as a percentage of the expected value, and has to stay within the limit.
-`tests/oracles/` runs the same cases, and shows that ten deliberately wrong parameters each make the right rows fall
-short.
+`tests/oracles/` runs the same cases, and shows of many deliberately wrong parameters that each makes the right rows
+fall short.
 """
 
 NOTES = {

@@ -102,7 +102,7 @@ def constants(p: Parameters) -> Constants:
         column_inertia=column_inertia,
         stage1=mesh(box.stage1, motor, box.carrier1_inertia),
         stage2=mesh(box.stage2, box.carrier1_inertia, crank),
-        loss=_mesh_loss(p),
+        loss=mesh_loss(p),
         back=box.backdrive_loss_ratio,
         breakaway=box.breakaway_ratio,
         mesh_stribeck=box.stribeck_velocity,
@@ -127,7 +127,7 @@ def constants(p: Parameters) -> Constants:
     )
 
 
-def _mesh_loss(p: Parameters) -> float:
+def mesh_loss(p: Parameters) -> float:
     """The loss of each stage that gives the stated efficiency at rated torque, by bisection of the definition."""
     box = p.gearbox
     low, high = 0.0, 10.0
