@@ -32,7 +32,7 @@ class Row:
     @property
     def passed(self) -> bool:
         """Whether the deviation lies within the limit; a value that is not finite never passes."""
-        return math.isfinite(self.obtained) and abs(self.deviation) <= self.limit
+        return bool(math.isfinite(self.obtained) and abs(self.deviation) <= self.limit)  # bool: numpy's is not JSON's
 
     def to_json(self) -> dict[str, Any]:
         """The row as plain values; numbers that are not finite become None."""
@@ -42,7 +42,7 @@ class Row:
             "quantity": self.quantity,
             "unit": self.unit,
             "source": self.source,
-            **{name: value if math.isfinite(value) else None for name, value in numbers.items()},
+            **{name: float(value) if math.isfinite(value) else None for name, value in numbers.items()},
             "relative": self.relative,
             "passed": self.passed,
         }

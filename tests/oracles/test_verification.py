@@ -2,6 +2,7 @@
 
 import json
 
+import numpy as np
 import pytest
 
 from cls_bench.verification import CASES, Row, render, verify
@@ -64,6 +65,11 @@ def test_row_without_a_number_never_passes() -> None:
     lost = row(float("nan"))
     assert not lost.passed
     assert json.loads(json.dumps(lost.to_json(), allow_nan=False))["obtained"] is None
+
+
+def test_row_of_numpy_numbers_is_json() -> None:
+    table = json.dumps(row(np.float32(2.0), expected=np.float64(2.0)).to_json())
+    assert json.loads(table)["passed"] is True
 
 
 def test_page_says_what_falls_short() -> None:
