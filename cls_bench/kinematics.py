@@ -16,6 +16,7 @@ plant and tests alike; the PLC runs :class:`Polynomials` fitted to it.
 """
 
 import math
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -121,10 +122,12 @@ class Polynomials(NamedTuple):
     """d²φ/dφc² over crank angle"""
 
 
+@lru_cache(maxsize=32)
 def fit_polynomials(bar: FourBar, travel: float, degree: int) -> Polynomials:
     """Least-squares polynomials of ``degree`` over ±``travel`` [rad] of the column (Chebyshev nodes, near-minimax).
 
-    Raises ValueError if the linkage cannot be closed over the travel.
+    A linkage is fitted once: most benches have the same. Raises ValueError if the linkage cannot be closed over the
+    travel.
     """
     order = 8 * (degree + 1)
     nodes = np.cos(np.pi * (np.arange(order) + 0.5) / order)
