@@ -19,7 +19,7 @@ from cls_bench.pilot import HandTimeline
 from cls_bench.plant import sensors
 from cls_bench.signals import PLC_S
 
-TICKS = 800
+TICKS = 4000
 
 
 class Stepper:
@@ -70,7 +70,7 @@ class Stepper:
 
 def test_tick_over_step(comparison: Comparison) -> None:
     stepper = Stepper()
-    times = comparison.times({"bare": stepper.bare, "closed": stepper.closed}, 300)
+    times = comparison.times({"bare": stepper.bare, "closed": stepper.closed}, 100)
     floor, cost = (1e6 * min(times[name]) / TICKS for name in ("bare", "closed"))
     comparison.record(
         "a", "closed-loop tick with trace ÷ bare mj_step", ratio(times, "closed", "bare"), most=1.05,
