@@ -12,6 +12,8 @@ from cls_bench.cli.output import make_console
 from cls_bench.errors import OutputError
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from cls_bench.verification import Row
 
 
@@ -43,14 +45,47 @@ def verify(ctx: click.Context, as_json: bool, page: Path | None) -> None:
     ctx.exit(0 if passed else 1)
 
 
+TABLE_COLUMNS = 140
+"""Narrower terminals get three lines a row instead of nine columns."""
+
+
 def _print_rows(rows: "list[Row]") -> None:
+    console = make_console()
+    if console.width >= TABLE_COLUMNS:
+        _print_table(console, rows)
+    else:
+        _print_stacked(console, rows)
+    short = sum(not row.passed for row in rows)
+    console.print(f"{len(rows)} rows, {short or 'none'} of which fall short")
+
+
+def _print_stacked(console: "Console", rows: "list[Row]") -> None:
+    from rich.padding import Padding
+    from rich.text import Text
+
+    from cls_bench.verification import page
+
+    group = ""
+    for row in rows:
+        if row.group != group:
+            group = row.group
+            console.print(Text(f"\n{group[0].upper()}{group[1:]}", "bold"))
+        unit = "" if row.unit == "1" else f" {row.unit}"
+        verdict = Text(f"{page.verdict(row):6}", "green" if row.passed else "bold red")
+        console.print(Text.assemble(" ", verdict, " ", row.quantity))
+        said = f"{page.number(row.obtained)}{unit}; expected {page.number(row.expected)} ({row.source}); "
+        said += f"deviation {page.deviation(row)}, limit {page.limit(row)}"
+        console.print(Padding(Text(said, "dim"), (0, 0, 0, 8)))
+    console.print()
+
+
+def _print_table(console: "Console", rows: "list[Row]") -> None:
     from rich import box
     from rich.table import Table
     from rich.text import Text
 
     from cls_bench.verification import page
 
-    console = make_console()
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     for title in ("", "quantity", "unit", "expected", "source", "obtained", "deviation", "limit", "verdict"):
         right = title in ("expected", "obtained", "deviation", "limit")
@@ -64,8 +99,6 @@ def _print_rows(rows: "list[Row]") -> None:
         )  # fmt: skip
         group = row.group
     console.print(table)
-    short = sum(not row.passed for row in rows)
-    console.print(f"{len(rows)} rows, {short or 'none'} of which fall short")
 
 
 @contextmanager
