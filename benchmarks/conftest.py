@@ -1,5 +1,6 @@
 """Interleaved measurement, and the table of ratios that ``make bench`` prints."""
 
+import os
 import statistics
 import time
 from collections.abc import Callable, Mapping
@@ -34,24 +35,49 @@ class Figure(NamedTuple):
 FIGURES: list[Figure] = []
 
 
+FOREIGN = 0.08
+"""Share of one core that other processes may take in a round that counts."""
+
+
+def _foreign_cpu() -> float:
+    """Seconds of processor time that others have taken so far; 0 where the system does not say."""
+    stat = Path("/proc/stat")
+    if not stat.exists():
+        return 0.0
+    user, nice, system, _, _, irq, soft, steal = map(int, stat.read_text().split()[1:9])
+    busy = (user + nice + system + irq + soft + steal) / os.sysconf("SC_CLK_TCK")
+    return busy - sum(os.times()[:4])
+
+
 class Comparison:
     """Runs actions in turn, again and again, so that whatever else the machine does falls on all of them alike."""
 
     def __init__(self, benchmark: Any):
         self._benchmark = benchmark
+        self._note = ""
 
     def times(self, actions: Mapping[str, Action], rounds: int) -> dict[str, list[float]]:
-        """Seconds of each action in each round; an action may return its own measurement instead."""
+        """Seconds of each action in each round; an action may return its own measurement instead.
+
+        Rounds in which other processes took more than :data:`FOREIGN` of a core are left out, if three are left.
+        """
         found: dict[str, list[float]] = {name: [] for name in actions}
+        calm: list[bool] = []
 
         def one_round() -> None:
+            before = _foreign_cpu(), time.perf_counter()
             for name, action in actions.items():
                 start = time.perf_counter()
                 answer = action()
                 found[name].append(answer if isinstance(answer, float) else time.perf_counter() - start)
+            calm.append(_foreign_cpu() - before[0] < FOREIGN * (time.perf_counter() - before[1]))
 
         self._benchmark.pedantic(one_round, rounds=rounds, iterations=1, warmup_rounds=1)
-        return {name: values[1:] for name, values in found.items()}
+        chosen = [k for k in range(1, len(calm)) if calm[k]]
+        if len(chosen) < min(3, rounds):
+            chosen = list(range(1, len(calm)))
+            self._note = "on a busy machine"
+        return {name: [values[k] for k in chosen] for name, values in found.items()}
 
     def record(
         self, key: str, meaning: str, value: float, *, unit: str = "", most: float | None = None,
@@ -60,7 +86,7 @@ class Comparison:
         """Put a figure into the table. A missed target is said there; it fails no one's build on a busy machine."""
         target = f"≤ {most:g}{unit}" if most is not None else f"≥ {least:g}{unit}" if least is not None else ""
         met = (most is None or value <= most) and (least is None or value >= least)
-        FIGURES.append(Figure(key, meaning, value, unit, target, met, detail))
+        FIGURES.append(Figure(key, meaning, value, unit, target, met, ", ".join(filter(None, (detail, self._note)))))
         self._benchmark.extra_info[meaning] = value
 
 

@@ -14,7 +14,7 @@ from cls_bench.recording import Recorder
 from cls_bench.sweep.core import evaluate_points
 from cls_bench.sweep.runs import ScenarioAt
 
-DURATION = 10.0
+DURATION = 4.0
 
 
 def _run(folder: Path | None, *, rerun: bool = False) -> float:
@@ -43,7 +43,7 @@ def test_recording(comparison: Comparison, tmp_path: Path) -> None:
             "mcap": lambda: _run(tmp_path / "a"),
             "both": lambda: _run(tmp_path / "b", rerun=True),
         },
-        7,
+        15,
     )
     for name, meaning, most in (("mcap", "run with MCAP", 1.15), ("both", "run with MCAP and .rrd", 1.30)):
         best = min(times[name])
@@ -56,10 +56,10 @@ def test_recording(comparison: Comparison, tmp_path: Path) -> None:
 def test_sweep_on_two_workers(comparison: Comparison) -> None:
     scenario = sway(1.0)
     evaluate = ScenarioAt(scenario.source, None, tuple(scenario.checks))
-    points = [{"feel.inertia": 0.3 + 0.01 * k} for k in range(24)]
+    points = [{"feel.inertia": 0.3 + 0.01 * k} for k in range(12)]
     times = comparison.times(
         {f"{n}": lambda n=n: _sweep(evaluate, points, n) for n in (1, 2)},  # type: ignore[misc]
-        5,
+        20,
     )
     best = min(times["2"])
     comparison.record(
