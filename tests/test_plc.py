@@ -164,7 +164,9 @@ def test_neither_loop_drifts(loop):
     # What is left is the bearing's friction over the spring, 0.05 / 35 rad, and the unbalance's fit.
     rest = r.between("/column.angle", 6.0, 9.0)
     assert np.abs(rest).max() < 0.15 * DEG
-    assert np.ptp(rest[::2000]) < 0.02 * DEG
+    # It may creep home, as the bearing gives way to the drive's small motions, but not away.
+    early, late = np.abs(r.between("/column.angle", 6.0, 6.5)).mean(), np.abs(r.between("/column.angle", 8.5, 9.0)).mean()
+    assert late < early + 0.005 * DEG
 
 
 def test_the_velocity_loop_tracks_its_own_model():
