@@ -165,7 +165,7 @@ def test_neither_loop_drifts(loop):
     rest = r.between("/column.angle", 6.0, 9.0)
     assert np.abs(rest).max() < 0.15 * DEG
     # It may creep home, as the bearing gives way to the drive's small motions, but not away.
-    early, late = np.abs(r.between("/column.angle", 6.0, 6.5)).mean(), np.abs(r.between("/column.angle", 8.5, 9.0)).mean()
+    early, late = (np.abs(r.between("/column.angle", t, t + 0.5)).mean() for t in (6.0, 8.5))
     assert late < early + 0.005 * DEG
 
 
