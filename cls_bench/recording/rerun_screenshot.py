@@ -1,12 +1,15 @@
 """A screenshot of the Rerun viewer without a screen: for pictures and tests. Needs a Vulkan driver, such as Mesa's."""
 
+import os
 import re
+import signal
 import socket
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import IO
 
@@ -28,7 +31,8 @@ def screenshot(files: Sequence[Path], at: float, size: tuple[int, int] = SIZE, s
         "--window-size", f"{size[0]}x{size[1]}", "--hide-welcome-screen", *map(str, files),
     ]  # fmt: skip
     with tempfile.TemporaryFile() as log:
-        viewer = subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT)
+        # A group of its own: the command is a script, and the viewer its child would outlive it.
+        viewer = subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT, start_new_session=True)
         try:
             client = _connect(viewer, port, log)
             time.sleep(settle)
@@ -36,8 +40,9 @@ def screenshot(files: Sequence[Path], at: float, size: tuple[int, int] = SIZE, s
             time.sleep(settle)
             return bytes(client.take_screenshot())
         finally:
-            viewer.terminate()
-            viewer.wait(10)
+            with suppress(ProcessLookupError):
+                os.killpg(viewer.pid, signal.SIGKILL)  # it holds nothing that has to be saved
+            viewer.wait()
 
 
 def _free_port() -> int:
