@@ -56,7 +56,7 @@ class Comparison:
         self._benchmark = benchmark
         self._note = ""
 
-    def times(self, actions: Mapping[str, Action], rounds: int) -> dict[str, list[float]]:
+    def times(self, actions: Mapping[str, Action], rounds: int, *, warm_up: int = 1) -> dict[str, list[float]]:
         """Seconds of each action in each round; an action may return its own measurement instead.
 
         Rounds in which other processes took more than :data:`FOREIGN` of a core are left out, if three are left.
@@ -72,10 +72,10 @@ class Comparison:
                 found[name].append(answer if isinstance(answer, float) else time.perf_counter() - start)
             calm.append(_foreign_cpu() - before[0] < FOREIGN * (time.perf_counter() - before[1]))
 
-        self._benchmark.pedantic(one_round, rounds=rounds, iterations=1, warmup_rounds=1)
-        chosen = [k for k in range(1, len(calm)) if calm[k]]
+        self._benchmark.pedantic(one_round, rounds=rounds, iterations=1, warmup_rounds=warm_up)
+        chosen = [k for k in range(warm_up, len(calm)) if calm[k]]
         if len(chosen) < min(3, rounds):
-            chosen = list(range(1, len(calm)))
+            chosen = list(range(warm_up, len(calm)))
             self._note = "on a busy machine"
         return {name: [values[k] for k in chosen] for name, values in found.items()}
 
