@@ -13,6 +13,7 @@ q are the angles of motor, carrier 1, crank, column and limb, z the three bristl
 import itertools
 import math
 from collections.abc import Iterator
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -60,6 +61,12 @@ class _Spring(NamedTuple):
 
 def unstable_parameter(p: Parameters) -> tuple[str, str] | None:
     """Key of the parameter to blame, and what is wrong with it, if the plant's step cannot carry ``p``; else None."""
+    return _unstable_parameter(p.model_dump_json())
+
+
+@lru_cache(maxsize=64)  # file, sweep and bench all ask
+def _unstable_parameter(parameters: str) -> tuple[str, str] | None:
+    p = Parameters.model_validate_json(parameters)
     step = TICK_S / p.simulation.substeps
     if _spectral_radius(p, step) <= _STABLE:
         return None

@@ -107,8 +107,11 @@ class Threads:
 
     def run(self, evaluate: Evaluate, points: Iterable[Numbered]) -> Generator[Row, None, None]:
         """As :meth:`Engine.run`; on closing it waits for the points that are being evaluated."""
+        from threadpoolctl import threadpool_limits
+
         queue = iter(points)
-        with ThreadPoolExecutor(self.workers, thread_name_prefix="sweep") as pool:
+        # Each worker is a core of its own: linear algebra must not start threads besides.
+        with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(self.workers, "sweep") as pool:
             # Two points a worker: none waits for the other side of this loop, and few are begun in vain.
             running: set[Future[Row]] = {pool.submit(row_of, evaluate, *p) for p in islice(queue, 2 * self.workers)}
             try:
