@@ -28,7 +28,7 @@ verify: $(VENV)/.installed  ## Hold the plant against closed forms, independent 
 	$(BIN)/cls-bench verify
 
 bench: $(VENV)/.installed-dev  ## Measure speed, as ratios side by side
-	$(BIN)/python -m pytest benchmarks
+	$(BIN)/python -m benchmarks
 
 pictures: $(VENV)/.installed-dev  ## Make the pictures of README and gallery anew
 	$(BIN)/python -m cls_bench.report.readme_pictures docs
