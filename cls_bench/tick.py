@@ -211,9 +211,10 @@ def advance(
 ) -> int:  # fmt: skip
     """Run ``ticks`` ticks from ``first_tick`` on, a PLC tick; returns how many were run.
 
-    Fewer are run only where a state left all bounds, MuJoCo warned (``state.warned``) or ``ask`` refuses. ``hand``, ``noise`` and ``trace`` belong to
-    these ticks. With ``external`` the set values in ``state.plc`` come from a user's outer loop: ``ask`` is called with
-    the tick's number, reads the measurement there and writes them; it returns 0, or anything else to stop.
+    Fewer are run only where a state left all bounds, MuJoCo warned (``state.warned``) or ``ask`` refuses. ``hand``,
+    ``noise`` and ``trace`` belong to these ticks. With ``external`` the set values in ``state.plc`` come from a user's
+    outer loop: ``ask`` is called with the tick's number, reads the measurement there and writes them; it returns 0, or
+    anything else to stop.
     """
     for row in range(ticks):
         tick = first_tick + row
@@ -284,11 +285,12 @@ def _trace_state(
         drive = trace.drive[at]
         drive.set_position, drive.position = s.set_position, state.samples.encoder
         drive.set_velocity, drive.velocity = s.set_velocity, s.velocity
-        drive.torque_command, drive.current, drive.voltage = s.torque_command, state.samples.current, plant.ctrl[VOLTAGE]
+        drive.torque_command, drive.current = s.torque_command, state.samples.current
+        drive.voltage = plant.ctrl[VOLTAGE]
     if tick % PLC_TICKS == 0:
-        at, watch = row // PLC_TICKS, state.limits
-        feel_model = trace.feel[at]
-        feel_model.torque, feel_model.angle, feel_model.velocity = state.feel.torque, state.feel.angle, state.feel.velocity
+        at, watch, body = row // PLC_TICKS, state.limits, state.feel
+        model = trace.feel[at]
+        model.torque, model.angle, model.velocity = body.torque, body.angle, body.velocity
         reached = trace.limits[at]
         reached.load_cell = limits.share(watch, limits.LOAD_CELL, PLC_TICKS)
         reached.set_angle = limits.share(watch, limits.SET_ANGLE, PLC_TICKS)

@@ -1,11 +1,11 @@
 """Where the tick writes what is recorded: a row of named signals for each topic.
 
-The fields are those of :data:`cls_bench.signals.TOPICS`. A row is written by signal name, so its column has no number to
-mistake; what is not written stays NaN, and a NaN in a recording ends the run.
+The fields are those of :data:`cls_bench.signals.TOPICS`. A row is written by signal name, so its column has no number
+to mistake; what is not written stays NaN, and a NaN in a recording ends the run.
 """
 
 from collections import namedtuple
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 
 from cls_bench.signals import POSE_TICKS, TOPICS
 
-Trace: Any = namedtuple("Trace", [*(topic.path.strip("/") for topic in TOPICS), "poses"])  # type: ignore[misc]
+_FIELDS = [*(topic.path.strip("/") for topic in TOPICS), "poses"]
+_make: Callable[..., Any] = namedtuple  # its fields follow from the table: more than a type checker can know
+Trace = _make("Trace", _FIELDS)
 """Buffers of one block: an array of records for each topic, named like it, and the bodies' poses."""
 
 _ROWS = {topic.path: np.dtype([(name, np.float64) for name in topic.names]) for topic in TOPICS}
