@@ -2,6 +2,7 @@
 
 One tick k (50 µs)::
 
+    k % 8 == 0    PLC: self-check of its numbers
     sample        encoder, current, load cell, limit switches       what control may see
     k % 4 == 0    drive (200 µs): speed filter
     k % 8 == 0    drive (400 µs): position and velocity → field bus
@@ -156,7 +157,9 @@ def _plc_task(p: Any, constants: Constants, state: Any, watched: Watched, tick: 
         plc.supervise(p, state.samples, mode == servo.POSITION, state.plc)
         if state.plc.trip != plc.NO_TRIP:
             _trip(state, tick, state.plc.trip)
-        _check_numbers(state, watched, tick)
+        s = state.plc
+        if not abs(s.set_angle + s.set_velocity + s.set_acceleration + s.set_torque) < np.inf:
+            _check_numbers(state, watched, tick)
     if not state.power or mode == servo.OFF or (mode == servo.TORQUE and not external):
         plc.follow(state.plc, state.feel)
     plc.command(p, constants.polynomials, state.plc, state.commands, tick // PLC_TICKS)
@@ -218,6 +221,8 @@ def advance(
     """
     for row in range(ticks):
         tick = first_tick + row
+        if tick % PLC_TICKS == 0 and state.power and state.servo.mode != servo.OFF:
+            _check_numbers(state, watched, tick)
         _measure(plant, p, constants, state, noise[row], tick)
         if first_unbounded(plant) >= 0:
             return row
