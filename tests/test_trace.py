@@ -1,8 +1,8 @@
 """Each recorded signal is what its name says: held against the bench's own state and against laws, one by one.
 
-The run is cut into blocks of one PLC cycle. Between two blocks the bench stands still, so what the first row of the next
-one must say can be read from MuJoCo by joint name, and from laws written down here once more. A test then spoils each
-signal in turn (zeros, another sign, the column beside it), and each spoilt one must be found.
+The run is cut into blocks of one PLC cycle. Between two blocks the bench stands still, so what the first row of the
+next one must say can be read from MuJoCo by joint name, and from laws written down here once more. A test then spoils
+each signal in turn (zeros, another sign, the column beside it), and each spoilt one must be found.
 """
 
 import math
