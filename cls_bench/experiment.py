@@ -7,21 +7,25 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from cls_bench.analysis import metrics
 from cls_bench.analysis.window import Source, Window
 from cls_bench.bench import Bench, DivergedError, OuterLoop, versions
 from cls_bench.compiled import is_cached
-from cls_bench.errors import ControllerError, InputError
+from cls_bench.errors import BenchError, ControllerError, InputError
 from cls_bench.recording import Recorder, Recording, RunInfo
-from cls_bench.scenario import Check, Scenario, load_scenario
+from cls_bench.run_log import Trip
+from cls_bench.scenario import Check, ExpectedTrip, Scenario, load_scenario, tick_of
+from cls_bench.signals import Event
 
 RECORDINGS = Path("recordings")
 """Where recordings go unless told otherwise: a folder in the current one."""
 
-PASSED, FAILED, DIVERGED = "passed", "failed", "diverged"
-EXIT_CODES = {PASSED: 0, FAILED: 1, DIVERGED: 3}
+PASSED, FAILED, DIVERGED, TRIPPED = "passed", "failed", "diverged", "tripped"
+CONTROLLER_FAILED = "controller_failed"
+EXIT_CODES = {PASSED: 0, FAILED: 1, DIVERGED: 3, TRIPPED: 4, CONTROLLER_FAILED: 5}
+"""Statuses of a run, with the exit code of the command line."""
 
 
 @dataclass(frozen=True)
@@ -66,13 +70,15 @@ class Result:
 
     scenario: Scenario
     status: str
-    """``passed``, ``failed`` or ``diverged``"""
+    """one of :data:`EXIT_CODES`"""
     checks: tuple[CheckResult, ...]
     mcap: Path
     rrd: Path | None
     timing: Timing
     message: str = ""
-    """why it diverged"""
+    """why it neither passed nor failed by its checks"""
+    events: tuple[Event, ...] = ()
+    """what the log holds of level warning and error"""
 
     @property
     def exit_code(self) -> int:
@@ -104,6 +110,10 @@ class Result:
                     "passed": r.passed,
                 }
                 for r in self.checks if r.judged
+            ],
+            "events": [
+                {"time": round(e.time, 6), "level": e.level, "source": e.source, "message": e.message}
+                for e in self.events
             ],
             "recordings": {"mcap": str(self.mcap), "rrd": str(self.rrd) if self.rrd else None},
             "timing": {
@@ -164,7 +174,8 @@ def run(
     progress = progress or Progress()
     _check_metrics(scenario)
     bench = Bench(scenario.parameters_at_start(), seed=scenario.seed, controller=controller)
-    message = ""
+    failure: BenchError | None = None
+    events: list[Event] = []
     with Recorder(_stem(Path(out), scenario), run_info(scenario, bench), rerun=rerun) as recorder:
         if not is_cached():
             progress.compiling()
@@ -174,15 +185,56 @@ def run(
         try:
             for block in bench.run(scenario):
                 recorder.write(block)
+                events += (event for event in block.events if event.level != "info")
                 simulated = bench.time
                 progress.advanced(simulated, simulated / (time.perf_counter() - start))
         except (DivergedError, ControllerError) as error:
-            message = str(error)
-        recorder.finish(DIVERGED if message else "complete")
+            failure = error
+        ended = ending(scenario, bench.trips, failure)
+        recorder.finish(ended.status if ended.status != PASSED else "complete")
         timing = Timing(simulated, time.perf_counter() - start)
     checks = measure(scenario, Recording(recorder.mcap_path))
-    status = DIVERGED if message else PASSED if all(check.passed for check in checks) else FAILED
-    return Result(scenario, status, checks, recorder.mcap_path, recorder.rrd_path, timing, message)
+    verdict = ended.judged(checks)
+    return Result(
+        scenario, verdict.status, checks, recorder.mcap_path, recorder.rrd_path, timing, verdict.message, tuple(events)
+    )
+
+
+class Ending(NamedTuple):
+    """How a run ended."""
+
+    status: str
+    message: str = ""
+
+    def judged(self, checks: Sequence[CheckResult]) -> "Ending":
+        """The same with what its checks say: a run that ended well fails if one of them does."""
+        if self.status == PASSED and not all(check.passed for check in checks):
+            return Ending(FAILED)
+        return self
+
+
+def ending(scenario: Scenario, trips: Sequence[Trip], failure: BenchError | None) -> Ending:
+    """How a run ended, its checks aside: by ``failure``, by a trip that the scenario does not expect, or well.
+
+    A trip that the scenario expects and that did not come is a failure of the run.
+    """
+    if isinstance(failure, ControllerError):
+        return Ending(CONTROLLER_FAILED, str(failure))
+    if failure is not None:
+        return Ending(DIVERGED, str(failure))
+    expected = scenario.expected_trips
+    for trip in trips:
+        if not any(_is_expected(trip, entry) for entry in expected):
+            return Ending(TRIPPED, f"at t = {trip.time:.4f} s: {trip.message}")
+    for entry in expected:
+        if not any(_is_expected(trip, entry) for trip in trips):
+            start, end = entry.window
+            return Ending(FAILED, f"expected trip did not come: {entry.reason} from {start:g} to {end:g} s")
+    return Ending(PASSED)
+
+
+def _is_expected(trip: Trip, entry: ExpectedTrip) -> bool:
+    return entry.reason in ("any", trip.reason) and tick_of(entry.window[0]) <= trip.tick <= tick_of(entry.window[1])
 
 
 def measure(scenario: Scenario, recording: Source) -> tuple[CheckResult, ...]:
