@@ -212,6 +212,15 @@ class Recording:
         """Read all chunks once, so that :attr:`losses` and :attr:`doubts` are complete."""
         self._each_chunk(self._chunks, lambda messages: None)
 
+    def require_samples(self) -> None:
+        """Raise InputError unless there are samples, as far as was read."""
+        own = {channel.id for channels in self._samples.values() for channel in channels}
+        good = [chunk for chunk in self._chunks if not chunk.lost]
+        if not any(own & (chunk.indexes.keys() if chunk.channels is None else chunk.channels) for chunk in good):
+            lost = any(chunk.lost for chunk in self._chunks)
+            why = "all of its chunks are damaged" if lost else "the run ended before the first were written"
+            raise InputError(f"{self.path}: holds no samples: {why}")
+
     @property
     def losses(self) -> tuple[Loss, ...]:
         """What is lost, in order of time, as far as was read."""

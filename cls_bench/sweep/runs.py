@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from cls_bench.bench import Bench, DivergedError
 from cls_bench.experiment import ending, measure
 from cls_bench.scenario import Check, Scenario, parse_scenario, tick_of
-from cls_bench.signals import PLC_TICKS, TOPIC, Block
+from cls_bench.signals import PLC_TICKS, TICK_S, TOPIC, Block
 from cls_bench.sweep.engine import Point, Value
 from cls_bench.sweep.plan import Plan, override
 
@@ -19,6 +19,7 @@ from cls_bench.sweep.plan import Plan, override
 class Samples(NamedTuple):
     """Signals of one topic over time."""
 
+    time: NDArray[np.float64]
     values: Mapping[str, NDArray[np.float64]]
 
 
@@ -57,9 +58,10 @@ class Memory:
         columns = [known.names.index(name) for name in names]
         first = -np.inf if start is None else tick_of(start)
         last = np.inf if end is None else tick_of(end)
-        parts = [rows[topic][(ticks >= first) & (ticks < last)][:, columns] for ticks, rows in self._blocks]
-        table = np.concatenate(parts) if parts else np.zeros((0, len(columns)))
-        return Samples({name: np.ascontiguousarray(table[:, k]) for k, name in enumerate(names)})
+        inside = [(ticks, rows[topic], (ticks >= first) & (ticks < last)) for ticks, rows in self._blocks]
+        time = np.concatenate([np.zeros(0), *(ticks[kept] * TICK_S for ticks, _, kept in inside)])
+        table = np.concatenate([np.zeros((0, len(columns))), *(rows[kept][:, columns] for _, rows, kept in inside)])
+        return Samples(time, {name: np.ascontiguousarray(table[:, k]) for k, name in enumerate(names)})
 
 
 def measure_in_memory(scenario: Scenario) -> dict[str, Value]:
