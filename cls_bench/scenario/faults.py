@@ -19,10 +19,15 @@ class FaultError(Exception):
         self.problem = problem
 
 
+def printable(text: str, most: int = 60) -> str:
+    """``text`` on one line and cut short: whatever a terminal would not print as it is stands as an escape."""
+    text = text if len(text) <= most else text[: most - 3] + "..."
+    return "".join(c if c.isprintable() else c.encode("unicode_escape", "surrogatepass").decode() for c in text)
+
+
 def shown(value: Any) -> str:
     """A value as it stands in a message, cut short."""
-    text = json.dumps(value, ensure_ascii=False, default=str)
-    return text if len(text) <= 60 else text[:57] + "..."
+    return printable(json.dumps(value, ensure_ascii=False, default=str))
 
 
 def listed(names: Sequence[str]) -> str:

@@ -16,8 +16,10 @@ from pydantic import BaseModel, Field, PrivateAttr, ValidationError, WithJsonSch
 from cls_bench.errors import InputError
 from cls_bench.parameters import Parameters, Section
 from cls_bench.resources import shipped_scenarios
-from cls_bench.scenario.faults import FaultError, TomlSchema, nearest, problem_of, shown
+from cls_bench.scenario.faults import FaultError, TomlSchema, nearest, printable, problem_of, shown
+from cls_bench.scenario.files import read_file
 from cls_bench.scenario.override import override, parameters_with
+from cls_bench.scenario.sample_file import MOST_BYTES
 from cls_bench.scenario.segments import SEGMENTS, Samples, Segment, Span, Squeeze, Strict, Text, Time
 from cls_bench.scenario.toml_file import parse_toml, place_override
 from cls_bench.signals import TICK_S, TOPICS
@@ -118,6 +120,7 @@ class Scenario(Strict):
     _source: bytes = PrivateAttr(default=b"")
     _overrides: tuple[str, ...] = PrivateAttr(default=())
     _sample_files: dict[str, bytes] = PrivateAttr(default_factory=dict)
+    _notes: tuple[str, ...] = PrivateAttr(default=())
 
     @property
     def name(self) -> str:
@@ -143,6 +146,11 @@ class Scenario(Strict):
     def sample_files(self) -> Mapping[str, bytes]:
         """Contents of the sample files, by the name the scenario gives them."""
         return self._sample_files
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was understood of each sample file, in one line each."""
+        return self._notes
 
     @property
     def ticks(self) -> int:
@@ -213,8 +221,8 @@ def parse_scenario(
         scenario = _validated(table)
         scenario._name, scenario._path = (path.stem, path) if path else (name, None)
         scenario._source, scenario._overrides = source, overrides
-        _read_samples(scenario)
         _check(scenario)
+        _read_samples(scenario)
     except FaultError as fault:
         if fault.key in from_command_line:
             origin = "--set"
@@ -280,17 +288,20 @@ def _validated(table: dict[str, Any]) -> Scenario:
 
 def _read_samples(scenario: Scenario) -> None:
     folder = scenario.path.parent if scenario.path else Path()
-    for k, segment in enumerate(scenario.hand):
+    ends = [*(segment.at for segment in scenario.hand[1:]), scenario.duration]
+    notes = []
+    for k, (segment, end) in enumerate(zip(scenario.hand, ends, strict=False)):
         if isinstance(segment, Samples):
-            key = f"hand[{k}].file"
+            key, file = f"hand[{k}].file", shown(segment.file)
             try:
-                content = (folder / segment.file).read_bytes()
-                segment._read(content)
+                content = read_file(folder / segment.file, MOST_BYTES)
+                notes.append(f"hand[{k}] {printable(segment.file)}: {segment._read(content, end - segment.at)}")
             except OSError as error:
-                raise FaultError(key, f"{shown(segment.file)} cannot be read: {error.strerror}") from None
+                raise FaultError(key, f"{file} cannot be read: {error.strerror or error}") from None
             except ValueError as error:
-                raise FaultError(key, f"{shown(segment.file)} {error}") from None
+                raise FaultError(key, f"{file} {error}") from None
             scenario._sample_files[segment.file] = content
+    scenario._notes = tuple(notes)
 
 
 def _check(scenario: Scenario) -> None:
