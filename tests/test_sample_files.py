@@ -91,7 +91,7 @@ FORMS: dict[str, tuple[str | bytes, str, str]] = {
     "seconds since 1970": (text(times=TIMES + 1_700_000_000), "", "clock starts at 1700000000, taken as 0 s"),
     "milliseconds since 1970": (text(times=np.round(1e3 * TIMES + 1.7e12), row="{t:.0f},{v:.4f}"),
                                 'time_unit = "ms"\n', "taken as 0 s"),
-    "nanoseconds since 1970": (text(head="timestamp [ns],force", times=[int(round(t * 1e9)) for t in TIMES]), "",
+    "nanoseconds since 1970": (text(head="timestamp [ns],force", times=[round(t * 1e9) for t in TIMES]), "",
                                "time in ns"),
     "dates": (text(times=[f"2024-03-01T23:59:{58 + int(t):02d}" if t < 2 else f"2024-03-02T00:00:{int(t) - 2:02d}"
                           for t in TIMES], row="{t},{v:.4f}"), "", "dates"),
@@ -237,5 +237,5 @@ def test_only_regular_files_of_some_size_are_read(tmp_path: Path, monkeypatch: p
 
 
 def test_a_later_segment_bounds_what_is_heard(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="the segment 0.01 s; give time_unit"):
+    with pytest.raises(InputError, match=r"the segment 0\.01 s; give time_unit"):
         scenario(tmp_path, PLAIN, more='[[hand]]\nat = 0.01\nkind = "release"\n')

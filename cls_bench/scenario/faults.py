@@ -14,7 +14,8 @@ class FaultError(Exception):
     """Something wrong at a key of the scenario."""
 
     def __init__(self, key: str, problem: str):
-        super().__init__(f"{key}: {problem}" if key else problem)
+        said = ".".join(printable(part) for part in key.split("."))
+        super().__init__(f"{said}: {problem}" if key else problem)
         self.key = key
         self.problem = problem
 
@@ -38,7 +39,7 @@ def listed(names: Sequence[str]) -> str:
 def nearest(name: str, valid: Sequence[str] | Mapping[str, Any]) -> str:
     """The valid names that resemble ``name``, or all."""
     names = list(valid)
-    close = difflib.get_close_matches(name, names, n=3, cutoff=0.6)
+    close = difflib.get_close_matches(name[:100], names, n=3, cutoff=0.6)
     return f"did you mean {' or '.join(close)}?" if close else f"valid: {listed(names)}"
 
 
@@ -54,6 +55,8 @@ def wanted_in(schema: Mapping[str, Any]) -> str:
         text = kinds.get(schema.get("type", "object"), "a table")
         if schema.get("minLength"):
             text += " that is not empty"
+        if "maxLength" in schema:
+            text += f", of {schema['maxLength']} characters at most"
         if "prefixItems" in schema:
             text = f"an array of {len(schema['prefixItems'])} numbers"
     signs = {"exclusiveMinimum": ">", "minimum": "≥", "exclusiveMaximum": "<", "maximum": "≤"}
@@ -78,6 +81,8 @@ def problem_of(error: ErrorDetails, model: type[BaseModel], kinds: Sequence[str]
         return f"missing; valid: {listed(kinds)}"
     if kind == "value_error":
         return str(error["ctx"]["error"])
+    if kind == "too_long" and "actual_length" in error["ctx"]:
+        return f"has {error['ctx']['actual_length']} entries; at most {error['ctx']['max_length']} are valid"
     wanted = wanted_in(properties[field]) if field in properties else "a table"
     if kind == "missing":
         return f"missing; give {wanted}"

@@ -7,8 +7,9 @@ from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PrivateAttr, model_validator
 
+from cls_bench.scenario.faults import shown
 from cls_bench.scenario.sample_file import Keys, read_samples
 
 Time = Annotated[float, Field(ge=0, le=3600)]
@@ -16,8 +17,16 @@ Span = Annotated[float, Field(gt=0, le=3600)]
 Degrees = Annotated[float, Field(ge=-60, le=60)]
 Newtons = Annotated[float, Field(ge=-2000, le=2000)]
 Frequency = Annotated[float, Field(gt=0, le=1000)]
-Text = Annotated[str, Field(min_length=1)]
 Name = Annotated[str, Field(min_length=1, max_length=200)]
+
+
+def _one_line(text: str) -> str:
+    if not text.isprintable():
+        raise ValueError(f"{shown(text)} is not one line of printable characters")
+    return text
+
+
+Line = Annotated[Name, AfterValidator(_one_line)]
 
 
 class Strict(BaseModel):
@@ -158,7 +167,7 @@ class Sine(_Oscillation):
     """frequency [Hz]"""
     phase_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0
     """phase at the start [deg]"""
-    cycles: Annotated[float, Field(gt=0)] | None = None
+    cycles: Annotated[float, Field(gt=0, le=3.6e6)] | None = None
     """number of periods, after which the value reached is held; without it until the next segment [1]"""
 
 
