@@ -10,6 +10,10 @@ from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import ErrorDetails, core_schema
 
 
+MOST_NAMES = 30
+"""Names in a list of what is valid."""
+
+
 class FaultError(Exception):
     """Something wrong at a key of the scenario."""
 
@@ -37,10 +41,14 @@ def listed(names: Sequence[str]) -> str:
 
 
 def nearest(name: str, valid: Sequence[str] | Mapping[str, Any]) -> str:
-    """The valid names that resemble ``name``, or all."""
+    """The valid names that resemble ``name``, or all; of many only what stands before their first dot."""
     names = list(valid)
     close = difflib.get_close_matches(name[:100], names, n=3, cutoff=0.6)
-    return f"did you mean {' or '.join(close)}?" if close else f"valid: {listed(names)}"
+    if close:
+        return f"did you mean {' or '.join(close)}?"
+    if len(names) > MOST_NAMES:
+        names = list(dict.fromkeys(f"{head}.…" for head, _, _ in (known.partition(".") for known in names)))
+    return f"valid: {listed(names)}"
 
 
 def wanted_in(schema: Mapping[str, Any]) -> str:
