@@ -258,6 +258,7 @@ def run_info(scenario: Scenario, bench: Bench) -> RunInfo:
         parameters=bench.parameters.model_dump(),
         metadata={
             "title": scenario.title, "seed": str(scenario.seed), "overrides": "\n".join(scenario.overrides),
+            **({"notes": "\n".join(scenario.notes)} if scenario.notes else {}),
             "units": "SI; radians", "commit": _commit(), **versions(),
         },
         wall_start=dt.datetime.now(dt.UTC).isoformat(timespec="milliseconds"),

@@ -8,6 +8,7 @@ import click
 
 if TYPE_CHECKING:
     from cls_bench.experiment import Progress, Result
+    from cls_bench.scenario import Scenario
 
 
 def make_console() -> Any:
@@ -40,6 +41,12 @@ def print_term(term: str, unit: str, meaning: str) -> None:
 def number(value: float) -> str:
     """Four significant digits."""
     return f"{value:.4g}"
+
+
+def print_notes(scenario: "Scenario") -> None:
+    """On standard error: what was understood of the scenario's sample files."""
+    for note in scenario.notes:
+        click.echo(note, err=True)
 
 
 def print_result(result: "Result") -> None:
