@@ -4,14 +4,16 @@ import datetime as dt
 import math
 import subprocess
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from cls_bench.analysis import metrics
-from cls_bench.analysis.window import Source, Window
+from cls_bench.analysis.memory import Memory
+from cls_bench.analysis.window import MissingSignalError, Source, Window, holds_all
 from cls_bench.bench import Bench, DivergedError, OuterLoop, versions
+from cls_bench.claims import claim_stem, file_name
 from cls_bench.compiled import is_cached
 from cls_bench.errors import BenchError, ControllerError, InputError
 from cls_bench.recording import Recorder, Recording, RunInfo
@@ -36,6 +38,8 @@ class CheckResult:
     value: float
     """NaN if the run ended before its window"""
     unit: str
+    from_run: bool = False
+    """whether it was measured during the run, because the recording does not hold what it needs"""
 
     @property
     def judged(self) -> bool:
@@ -176,7 +180,12 @@ def run(
     bench = Bench(scenario.parameters_at_start(), seed=scenario.seed, controller=controller)
     failure: BenchError | None = None
     events: list[Event] = []
-    with Recorder(_stem(Path(out), scenario), run_info(scenario, bench), rerun=rerun) as recorder:
+    topics = scenario.record.topics()
+    memory = None if holds_all({topic.path: topic for topic in topics}) else Memory(scenario.checks)
+    stem = _claimed(Path(out), scenario, rerun=rerun)
+    with Recorder(
+        stem, run_info(scenario, bench), rerun=rerun, topics=topics, poses=scenario.record.poses
+    ) as recorder:  # fmt: skip
         if not is_cached():
             progress.compiling()
         bench.compile()
@@ -186,15 +195,21 @@ def run(
             for block in bench.run(scenario):
                 recorder.write(block)
                 events += (event for event in block.events if event.level != "info")
+                if memory is not None:
+                    memory.keep(block)
                 simulated = bench.time
-                progress.advanced(simulated, simulated / (time.perf_counter() - start))
+                progress.advanced(recorder.written_s, simulated / (time.perf_counter() - start))
         except (DivergedError, ControllerError) as error:
             failure = error
+        recorder.flush()
+        flushed = time.perf_counter()
+        checks = measure(scenario, memory or Recording(recorder.mcap_path, unfinished=True))
         ended = ending(scenario, bench.trips, failure)
-        recorder.finish(ended.status if ended.status != PASSED else "complete")
-        timing = Timing(simulated, time.perf_counter() - start)
-    checks = measure(scenario, Recording(recorder.mcap_path))
-    verdict = ended.judged(checks)
+        verdict = ended.judged(checks)
+        measured = {result.check.name: _finite(result.value) for result in checks}
+        measuring = time.perf_counter() - flushed
+        recorder.finish(ended.status if ended.status != PASSED else "complete", verdict.status, measured)
+        timing = Timing(simulated, time.perf_counter() - start - measuring)
     return Result(
         scenario, verdict.status, checks, recorder.mcap_path, recorder.rrd_path, timing, verdict.message, tuple(events)
     )
@@ -237,15 +252,30 @@ def _is_expected(trip: Trip, entry: ExpectedTrip) -> bool:
     return entry.reason in ("any", trip.reason) and tick_of(entry.window[0]) <= trip.tick <= tick_of(entry.window[1])
 
 
-def measure(scenario: Scenario, recording: Source) -> tuple[CheckResult, ...]:
-    """Evaluate the scenario's checks on a recording of it, or on samples kept in memory."""
+
+
+def measure(
+    scenario: Scenario, recording: Source, known: Mapping[str, float | None] | None = None
+) -> tuple[CheckResult, ...]:
+    """Evaluate the scenario's checks on a recording of it, or on samples kept in memory.
+
+    Of a check whose signals were not recorded, the value that was measured during the run is taken from ``known``.
+    Raises InputError if it is not there either.
+    """
     windows: dict[tuple[float, float], Window] = {}
     results = []
     for check in scenario.checks:
         if check.window not in windows:
             start, end = check.window
             windows[check.window] = Window(recording, start, end, scenario.parameters_at(start))
-        results.append(CheckResult(check, metrics.evaluate(check, windows[check.window]), metrics.unit(check)))
+        try:
+            result = CheckResult(check, metrics.evaluate(check, windows[check.window]), metrics.unit(check))
+        except MissingSignalError:
+            if known is None or check.name not in known:
+                raise
+            value = known[check.name]
+            result = CheckResult(check, math.nan if value is None else value, metrics.unit(check), from_run=True)
+        results.append(result)
     return tuple(results)
 
 
@@ -267,14 +297,11 @@ def run_info(scenario: Scenario, bench: Bench) -> RunInfo:
     )  # fmt: skip
 
 
-def _stem(folder: Path, scenario: Scenario) -> Path:
-    """A new name in ``folder``: no run overwrites another's recording."""
-    stem = folder / f"{scenario.name}-{dt.datetime.now():%Y%m%d-%H%M%S}"
-    candidate, number = stem, 1
-    while candidate.with_name(f"{candidate.name}.mcap").exists():
-        number += 1
-        candidate = stem.with_name(f"{stem.name}-{number}")
-    return candidate
+def _claimed(folder: Path, scenario: Scenario, *, rerun: bool) -> Path:
+    """A name in ``folder`` that no other run has, however many start at the same moment."""
+    name = f"{file_name(scenario.name)}-{dt.datetime.now():%Y%m%d-%H%M%S}"
+    made, others = ((".mcap", ".rrd"), ()) if rerun else ((".mcap",), (".rrd",))
+    return claim_stem(folder, name, made, others)
 
 
 def _commit() -> str:

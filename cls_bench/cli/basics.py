@@ -20,6 +20,10 @@ from cls_bench.errors import InputError
 @click.option("--controller", metavar="FILE.py:NAME",
               help="Your own outer loop instead of the feel model: NAME() is called once for the object.")  # fmt: skip
 @click.option("--rerun/--no-rerun", default=True, help="Also write a Rerun file (.rrd).  [default: rerun]")
+@click.option("--signals", metavar="/TOPIC.NAME,…", multiple=True,
+              help="Record these signals only, such as /column.angle,/load_cell.*; checks are measured all the same.")
+@click.option("--rate", type=float, metavar="HZ", help="Record them at this rate at most, such as 1000.")
+@click.option("--poses/--no-poses", default=None, help="Also record the bench in motion.  [default: poses]")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of tables.")
 @click.option("--view", is_flag=True, help="Open the recording in the Rerun viewer afterwards.")
 @click.pass_context
@@ -31,6 +35,9 @@ def run(
     overrides: tuple[str, ...],
     controller: str | None,
     rerun: bool,
+    signals: tuple[str, ...],
+    rate: float | None,
+    poses: bool | None,
     as_json: bool,
     view: bool,
 ) -> None:
@@ -38,7 +45,7 @@ def run(
     from cls_bench import experiment
     from cls_bench.scenario import load_scenario
 
-    loaded = load_scenario(scenario, seed=seed, set=overrides)
+    loaded = load_scenario(scenario, seed=seed, set=(*overrides, *_record(signals, rate, poses)))
     print_notes(loaded)
     with progress_bar(loaded.duration, quiet=as_json) as progress:
         loop = load_controller(controller) if controller else None
@@ -52,6 +59,13 @@ def run(
 
         view_recordings([result.rrd or result.mcap])
     ctx.exit(result.exit_code)
+
+
+def _record(signals: tuple[str, ...], rate: float | None, poses: bool | None) -> list[str]:
+    """Options of what is recorded as overrides of the scenario, which travel in the recording."""
+    names = [name.strip() for entry in signals for name in entry.split(",")]
+    given = {"signals": names or None, "rate_hz": rate, "poses": poses}
+    return [f"record.{key}={json.dumps(value)}" for key, value in given.items() if value is not None]
 
 
 def load_controller(place: str) -> Any:

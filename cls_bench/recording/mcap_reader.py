@@ -115,10 +115,11 @@ class Recording:
 
     Opening it reads the heads of all records; :meth:`read` and :meth:`events` then hold one chunk at a time. Raises
     :class:`InputError` if there is no such file or it is no MCAP file. Of a file that was cut short, all complete
-    chunks are read; ``truncated`` is then true and a warning is issued once.
+    chunks are read; ``truncated`` is then true and a warning is issued once, unless the file is known to be
+    ``unfinished``.
     """
 
-    def __init__(self, path: Path):
+    def __init__(self, path: Path, *, unfinished: bool = False):
         self.path = path
         self.truncated = True
         self.topics: dict[str, Topic] = {}
@@ -135,7 +136,7 @@ class Recording:
                 self._scan(file)
         except OSError as error:
             raise InputError(f"cannot read {path}: {error.strerror}") from None
-        if self.truncated:
+        if self.truncated and not unfinished:
             warnings.warn(f"{path} was cut short; reading its complete chunks", stacklevel=2)
 
     @property

@@ -19,19 +19,18 @@ from cls_bench.resources import shipped_scenarios
 from cls_bench.scenario.faults import FaultError, TomlSchema, nearest, printable, problem_of, shown
 from cls_bench.scenario.files import read_file
 from cls_bench.scenario.override import override, parameters_with
+from cls_bench.scenario.record import SIGNALS, Record
 from cls_bench.scenario.sample_file import MOST_BYTES
 from cls_bench.scenario.segments import SEGMENTS, Line, Name, Samples, Segment, Span, Squeeze, Strict, Time
 from cls_bench.scenario.toml_file import MOST_BYTES as MOST_TOML
 from cls_bench.scenario.toml_file import parse_toml, place_override
-from cls_bench.signals import TICK_S, TOPICS
+from cls_bench.signals import TICK_S
 from cls_bench.step_limit import unstable_parameter
 
 Limit = Annotated[float, Field(ge=-1e12, le=1e12)]
 
 LONGEST_LINE = 1000
 """Characters of a message."""
-
-_SIGNALS = tuple(f"{topic.path}.{name}" for topic in TOPICS for name in topic.names)
 
 
 def tick_of(time: float) -> int:
@@ -80,7 +79,7 @@ class Check(Strict):
     """what is measured, see `cls-bench list --metrics`"""
     window: Annotated[tuple[Time, Time], Field(strict=False)]
     """start and end [s]"""
-    signal: Annotated[str, WithJsonSchema({"type": "string", "enum": list(_SIGNALS)})] | None = None
+    signal: Annotated[str, WithJsonSchema({"type": "string", "enum": list(SIGNALS)})] | None = None
     """recorded signal that a general metric evaluates, such as "/column.torque" (topic and name)"""
     min: Limit | None = None
     """least value that passes [unit of the metric]"""
@@ -92,8 +91,8 @@ class Check(Strict):
     @field_validator("signal")
     @classmethod
     def _known(cls, signal: str | None) -> str | None:
-        if signal is not None and signal not in _SIGNALS:
-            raise ValueError(f"{shown(signal)} is not recorded; {nearest(signal, _SIGNALS)}")
+        if signal is not None and signal not in SIGNALS:
+            raise ValueError(f"{shown(signal)} is not recorded; {nearest(signal, SIGNALS)}")
         return signal
 
 
@@ -125,6 +124,8 @@ class Scenario(Strict):
     """what the hand does, in order of time; before the first segment it does not grip"""
     squeeze: list[Squeeze] = Field(default_factory=list, max_length=10_000)
     """how tightly the hand grips, in order of time"""
+    record: Record = Record()
+    """what is recorded; without it all signals at their own rates"""
     changes: list[Change] = Field(default_factory=list, max_length=1000)
     """what changes while the run goes on, in order of time"""
     checks: list[Check] = Field(default_factory=list, max_length=1000)
@@ -252,7 +253,8 @@ def parse_scenario(
 
 
 _TABLES: Mapping[str, type[Strict]] = {
-    "drive": DriveStart, "squeeze": Squeeze, "changes": Change, "checks": Check, "expected_trips": ExpectedTrip,
+    "drive": DriveStart, "squeeze": Squeeze, "record": Record, "changes": Change, "checks": Check,
+    "expected_trips": ExpectedTrip,
 }  # fmt: skip
 
 

@@ -123,7 +123,7 @@ def place_override(table: dict[str, Any], entry: str) -> str:
         table = _entry(table, match[1], int(match[2]))
         *parents, last = match[3].split(".")
     else:
-        if key not in ("duration", "seed"):
+        if key not in ("duration", "seed") and not key.startswith("record."):
             key = "parameters." + key.removeprefix("parameters.")
         *parents, last = key.split(".")
     for parent in parents:
