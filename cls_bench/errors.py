@@ -18,4 +18,10 @@ class OutputError(BenchError):
 class ControllerError(BenchError):
     """A user's own outer loop raised, or returned something that is not a command."""
 
-    exit_code = 3
+    exit_code = 5
+
+
+class TrippedError(BenchError):
+    """The drive was switched off by a safety function where nothing can be measured without it."""
+
+    exit_code = 4

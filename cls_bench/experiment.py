@@ -4,26 +4,30 @@ import datetime as dt
 import math
 import subprocess
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from cls_bench.analysis import metrics
 from cls_bench.analysis.memory import Memory
-from cls_bench.analysis.window import MissingSignalError, Source, Window, holds_all
+from cls_bench.analysis.window import Source, Window, holds_all
 from cls_bench.bench import Bench, DivergedError, OuterLoop, versions
 from cls_bench.claims import claim_stem, file_name
 from cls_bench.compiled import is_cached
-from cls_bench.errors import ControllerError, InputError
+from cls_bench.errors import BenchError, ControllerError, InputError
 from cls_bench.recording import Recorder, Recording, RunInfo
-from cls_bench.scenario import Check, Scenario, load_scenario
+from cls_bench.run_log import Trip
+from cls_bench.scenario import Check, ExpectedTrip, Scenario, load_scenario, tick_of
+from cls_bench.signals import Event
 
 RECORDINGS = Path("recordings")
 """Where recordings go unless told otherwise: a folder in the current one."""
 
-PASSED, FAILED, DIVERGED = "passed", "failed", "diverged"
-EXIT_CODES = {PASSED: 0, FAILED: 1, DIVERGED: 3}
+PASSED, FAILED, DIVERGED, TRIPPED = "passed", "failed", "diverged", "tripped"
+CONTROLLER_FAILED = "controller_failed"
+EXIT_CODES = {PASSED: 0, FAILED: 1, DIVERGED: 3, TRIPPED: 4, CONTROLLER_FAILED: 5}
+"""Statuses of a run, with the exit code of the command line."""
 
 
 @dataclass(frozen=True)
@@ -34,8 +38,6 @@ class CheckResult:
     value: float
     """NaN if the run ended before its window"""
     unit: str
-    from_run: bool = False
-    """whether it was measured during the run, because the recording does not hold what it needs"""
 
     @property
     def judged(self) -> bool:
@@ -70,13 +72,15 @@ class Result:
 
     scenario: Scenario
     status: str
-    """``passed``, ``failed`` or ``diverged``"""
+    """one of :data:`EXIT_CODES`"""
     checks: tuple[CheckResult, ...]
     mcap: Path
     rrd: Path | None
     timing: Timing
     message: str = ""
-    """why it diverged"""
+    """why it neither passed nor failed by its checks"""
+    events: tuple[Event, ...] = ()
+    """what the log holds of level warning and error"""
 
     @property
     def exit_code(self) -> int:
@@ -108,6 +112,10 @@ class Result:
                     "passed": r.passed,
                 }
                 for r in self.checks if r.judged
+            ],
+            "events": [
+                {"time": round(e.time, 6), "level": e.level, "source": e.source, "message": e.message}
+                for e in self.events
             ],
             "recordings": {"mcap": str(self.mcap), "rrd": str(self.rrd) if self.rrd else None},
             "timing": {
@@ -168,9 +176,10 @@ def run(
     progress = progress or Progress()
     _check_metrics(scenario)
     bench = Bench(scenario.parameters_at_start(), seed=scenario.seed, controller=controller)
-    message = ""
+    failure: BenchError | None = None
+    events: list[Event] = []
     topics = scenario.record.topics()
-    memory = None if holds_all({topic.path: topic for topic in topics}) else Memory(scenario.checks)
+    memory = None if holds_all(topics) else Memory(scenario.checks)
     stem = _claimed(Path(out), scenario, rerun=rerun)
     with Recorder(
         stem, run_info(scenario, bench), rerun=rerun, topics=topics, poses=scenario.record.poses
@@ -185,43 +194,73 @@ def run(
                 recorder.write(block)
                 if memory is not None:
                     memory.keep(block)
+                events += (event for event in block.events if event.level != "info")
                 simulated = bench.time
                 progress.advanced(recorder.written_s, simulated / (time.perf_counter() - start))
         except (DivergedError, ControllerError) as error:
-            message = str(error)
+            failure = error
+        ended = ending(scenario, bench.trips, failure)
         recorder.flush()
         flushed = time.perf_counter()
         checks = measure(scenario, memory or Recording(recorder.mcap_path, unfinished=True))
-        status = DIVERGED if message else PASSED if all(check.passed for check in checks) else FAILED
-        measured = {result.check.name: _finite(result.value) for result in checks}
+        verdict = ended.judged(checks)
         measuring = time.perf_counter() - flushed
-        recorder.finish(DIVERGED if message else "complete", status, measured)
+        recorder.finish(
+            ended.status if ended.status != PASSED else "complete", verdict.status,
+            {result.check.name: _finite(result.value) for result in checks},
+        )  # fmt: skip
         timing = Timing(simulated, time.perf_counter() - start - measuring)
-    return Result(scenario, status, checks, recorder.mcap_path, recorder.rrd_path, timing, message)
+    return Result(
+        scenario, verdict.status, checks, recorder.mcap_path, recorder.rrd_path, timing, verdict.message, tuple(events)
+    )
 
 
-def measure(
-    scenario: Scenario, recording: Source, known: Mapping[str, float | None] | None = None
-) -> tuple[CheckResult, ...]:
-    """Evaluate the scenario's checks on a recording of it, or on samples kept in memory.
+class Ending(NamedTuple):
+    """How a run ended."""
 
-    Of a check whose signals were not recorded, the value that was measured during the run is taken from ``known``.
-    Raises InputError if it is not there either.
+    status: str
+    message: str = ""
+
+    def judged(self, checks: Sequence[CheckResult]) -> "Ending":
+        """The same with what its checks say: a run that ended well fails if one of them does."""
+        if self.status == PASSED and not all(check.passed for check in checks):
+            return Ending(FAILED)
+        return self
+
+
+def ending(scenario: Scenario, trips: Sequence[Trip], failure: BenchError | None) -> Ending:
+    """How a run ended, its checks aside: by ``failure``, by a trip that the scenario does not expect, or well.
+
+    A trip that the scenario expects and that did not come is a failure of the run.
     """
+    if isinstance(failure, ControllerError):
+        return Ending(CONTROLLER_FAILED, str(failure))
+    if failure is not None:
+        return Ending(DIVERGED, str(failure))
+    expected = scenario.expected_trips
+    for trip in trips:
+        if not any(_is_expected(trip, entry) for entry in expected):
+            return Ending(TRIPPED, f"at t = {trip.time:.4f} s: {trip.message}")
+    for entry in expected:
+        if not any(_is_expected(trip, entry) for trip in trips):
+            start, end = entry.window
+            return Ending(FAILED, f"expected trip did not come: {entry.reason} from {start:g} to {end:g} s")
+    return Ending(PASSED)
+
+
+def _is_expected(trip: Trip, entry: ExpectedTrip) -> bool:
+    return entry.reason in ("any", trip.reason) and tick_of(entry.window[0]) <= trip.tick <= tick_of(entry.window[1])
+
+
+def measure(scenario: Scenario, recording: Source) -> tuple[CheckResult, ...]:
+    """Evaluate the scenario's checks on a recording of it, or on samples kept in memory."""
     windows: dict[tuple[float, float], Window] = {}
     results = []
     for check in scenario.checks:
         if check.window not in windows:
             start, end = check.window
             windows[check.window] = Window(recording, start, end, scenario.parameters_at(start))
-        try:
-            result = CheckResult(check, metrics.evaluate(check, windows[check.window]), metrics.unit(check))
-        except MissingSignalError:
-            if known is None or check.name not in known:
-                raise
-            value = known[check.name]
-            result = CheckResult(check, math.nan if value is None else value, metrics.unit(check), from_run=True)
-        results.append(result)
+        results.append(CheckResult(check, metrics.evaluate(check, windows[check.window]), metrics.unit(check)))
     return tuple(results)
 
 

@@ -572,9 +572,14 @@ def _values(section: Section) -> tuple[Any, ...]:
     return tuple(values)
 
 
+def memory_of(parameters: Parameters) -> np.ndarray[Any, Any]:
+    """The parameters as an array of one nested record."""
+    return np.array([_values(parameters)], dtype=_dtype(type(parameters)))
+
+
 def record_of(parameters: Parameters) -> Any:
     """The parameters as one nested NumPy record, readable by attribute in plain and in compiled code."""
-    return np.array([_values(parameters)], dtype=_dtype(type(parameters))).view(np.recarray)[0]
+    return memory_of(parameters).view(np.recarray)[0]
 
 
 def table() -> str:

@@ -404,7 +404,7 @@ window = [0.3, 0.4]
     assert [status == "diverged" for status in table["status"].to_pylist()] == [False, True, False]
     assert table["message"].to_pylist() == [
         "",
-        "diverged at t = 0.2000 s: motor current is not finite or out of all bounds",
+        "diverged at t = 0.2000 s: motor current",
         "",
     ]
     assert table["peak"][1].as_py() > 0.01  # measured before

@@ -13,7 +13,7 @@ from cls_bench.analysis.window import Window, split_signal, unit_of
 from cls_bench.errors import InputError
 from cls_bench.parameters import DEG
 from cls_bench.scenario import Check
-from cls_bench.signals import PLC_S
+from cls_bench.signals import PLC_S, TOPIC
 
 Array = NDArray[np.float64]
 
@@ -314,3 +314,19 @@ def rest_offset_deg(window: Window) -> float:
     """Distance of the column from the feel model's neutral at the window's end (mean of 0.1 s)."""
     last = window["/column.angle"][-int(0.1 * window.rate) :]
     return abs(float(np.mean(last)) - window.parameters.feel.neutral) / DEG
+
+
+# --- limits ----------------------------------------------------------------------------------------------------------
+
+
+def _share(limit: str, meaning: str) -> None:
+    def share(window: Window) -> float:
+        return float(np.mean(window[f"/limits.{limit}"]))
+
+    share.__name__ = f"{limit}_limited_share"
+    share.__doc__ = f"Share of the window in which {meaning}."
+    _metric("1")(share)
+
+
+for _signal in TOPIC["/limits"].signals:
+    _share(_signal.name, _signal.meaning)

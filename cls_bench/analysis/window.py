@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from cls_bench.errors import InputError
 from cls_bench.parameters import Parameters
-from cls_bench.signals import PLC_S, PLC_TICKS, TICK_S, TOPIC, Topic
+from cls_bench.signals import PLC_S, PLC_TICKS, TICK_S, TOPIC, TOPICS, Topic
 
 Array = NDArray[np.float64]
 
@@ -26,11 +26,6 @@ class Samples(Protocol):
 class Source(Protocol):
     """Where samples come from: a recording."""
 
-    @property
-    def topics(self) -> Mapping[str, Topic]:
-        """The topics there are, by path, with the signals and ticks they were recorded with."""
-        ...
-
     def read(
         self,
         topic: str,
@@ -43,22 +38,8 @@ class Source(Protocol):
         ...
 
 
-class MissingSignalError(InputError):
-    """A signal that is needed was not recorded, or not often enough."""
-
-
-def holds_all(topics: Mapping[str, Topic]) -> bool:
-    """Whether every signal there is was recorded at the rate of a :class:`Window`."""
-    return all(
-        path in topics and topics[path].names == topic.names and PLC_TICKS % topics[path].ticks == 0
-        for path, topic in TOPIC.items()
-    )
-
-
 class Window:
     """Signals from ``start`` to ``end`` [s], all at the PLC's rate of 2.5 kHz, and the parameters at ``start``.
-
-    A signal that was recorded less often, or not at all, is a :class:`MissingSignalError` when it is asked for.
 
     At that rate ten minutes of a signal take 12 MB, and all that a hand can feel is in it.
     """
@@ -76,10 +57,7 @@ class Window:
         """Samples of a signal such as ``/column.angle`` in its SI unit, shape (rows,). Raises InputError."""
         if signal not in self._read:
             topic, name = split_signal(signal)
-            recorded = self._source.topics.get(topic)
-            if recorded is None or name not in recorded.names or PLC_TICKS % recorded.ticks:
-                raise MissingSignalError(f"{signal} was not recorded at {self.rate:g} Hz")
-            series = self._source.read(topic, [name], self.start, self.end, PLC_TICKS // recorded.ticks)
+            series = self._source.read(topic, [name], self.start, self.end, PLC_TICKS // TOPIC[topic].ticks)
             self._read[signal] = series.values[name]
         return self._read[signal]
 
@@ -87,13 +65,16 @@ class Window:
     def time(self) -> Array:
         """Time since the start of the run, shape (rows,) [s]."""
         first = -(-round(self.start / TICK_S) // PLC_TICKS)
-        return PLC_S * np.arange(first, first + self._rows(), dtype=np.float64)
+        return PLC_S * np.arange(first, first + len(self["/feel.angle"]), dtype=np.float64)
 
-    def _rows(self) -> int:
-        for path, topic in self._source.topics.items():
-            if PLC_TICKS % topic.ticks == 0:
-                return len(self[f"{path}.{topic.names[0]}"])
-        raise MissingSignalError(f"nothing was recorded at {self.rate:g} Hz")
+
+def holds_all(topics: Sequence[Topic]) -> bool:
+    """Whether ``topics`` have every signal there is, at the rate of a :class:`Window` at least."""
+    found = {topic.path: topic for topic in topics}
+    return all(
+        topic.path in found and found[topic.path].names == topic.names and PLC_TICKS % found[topic.path].ticks == 0
+        for topic in TOPICS
+    )
 
 
 def split_signal(signal: str) -> tuple[str, str]:

@@ -58,14 +58,39 @@ def print_result(result: "Result") -> None:
         verdict = Text("") if not r.judged else Text("passed", "green") if r.passed else Text("FAILED", "bold red")
         table.add_row(Text(r.check.name), number(r.value), r.unit, limits, verdict)
     console.print(table)
-    style = {"passed": "green", "failed": "bold red", "diverged": "bold red"}[result.status]
-    line = Text.assemble((result.status.upper(), style), f" {result.message}" if result.message else "")
+    _print_events(result)
+    style = "green" if result.status == "passed" else "bold red"
+    status = result.status.upper().replace("_", " ")
+    line = Text.assemble((status, style), f" {result.message}" if result.message else "")
     t = result.timing
     line.append(f"  {t.simulated_s:g} s simulated in {t.wall_s:.1f} s: {t.real_time_factor:.1f} times real time")
     console.print(line)
     for path in (result.mcap, result.rrd):
         if path is not None:
             click.echo(f"  {path}")
+
+
+MOST_EVENTS = 8
+"""Warnings and errors of a run that are printed; --json and the report have all."""
+
+
+def _print_events(result: "Result") -> None:
+    """What the log holds of level warning and error, and how often."""
+    from rich.text import Text
+
+    if not result.events:
+        return
+    console = make_console()
+    for event in result.events[:MOST_EVENTS]:
+        style = "bold red" if event.level == "error" else "yellow"
+        line = f" {event.source} at t = {event.time:.4f} s: {event.message}"
+        console.print(Text.assemble((f"{event.level}:", style), line))
+    levels = [event.level for event in result.events]
+    left = len(levels) - MOST_EVENTS
+    console.print(
+        f"{levels.count('warning')} warnings, {levels.count('error')} errors"
+        + (f"; {left} more in the recording" if left > 0 else "")
+    )
 
 
 @contextmanager

@@ -5,6 +5,7 @@ from cls_bench.scenario.scenario import (
     Change,
     Check,
     DriveStart,
+    ExpectedTrip,
     Scenario,
     load_scenario,
     parse_scenario,
@@ -25,6 +26,6 @@ from cls_bench.scenario.segments import (
 )
 
 __all__ = [
-    "Aim", "Change", "Check", "Chirp", "DriveStart", "Hold", "Ramp", "Record", "Release", "Samples", "Scenario",
-    "Segment", "Sine", "Squeeze", "Step", "load_scenario", "parse_scenario", "scenario_schema", "tick_of",
+    "Aim", "Change", "Check", "Chirp", "DriveStart", "ExpectedTrip", "Hold", "Ramp", "Record", "Release", "Samples",
+    "Scenario", "Segment", "Sine", "Squeeze", "Step", "load_scenario", "parse_scenario", "scenario_schema", "tick_of",
 ]  # fmt: skip

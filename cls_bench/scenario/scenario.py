@@ -25,6 +25,7 @@ from cls_bench.signals import TICK_S
 from cls_bench.step_limit import unstable_parameter
 
 
+
 def tick_of(time: float) -> int:
     """Number of the tick that is nearest to ``time`` [s]."""
     return round(time / TICK_S)
@@ -88,6 +89,15 @@ class Check(Strict):
         return signal
 
 
+class ExpectedTrip(Strict):
+    """A safety function is meant to switch the drive off; without one, a trip makes the run `tripped`."""
+
+    reason: Literal["limit_switch", "following_error", "invalid_value", "any"]
+    """which one; "any" is whichever comes"""
+    window: Annotated[tuple[Time, Time], Field(strict=False)]
+    """when: start and end [s]; the run fails if none comes"""
+
+
 class Scenario(Strict):
     """One experiment. Made by :func:`load_scenario` or :func:`parse_scenario`, which also check it as a whole."""
 
@@ -113,6 +123,8 @@ class Scenario(Strict):
     """what changes while the run goes on, in order of time"""
     checks: list[Check] = Field(default_factory=list)
     """metrics to evaluate after the run"""
+    expected_trips: list[ExpectedTrip] = Field(default_factory=list)
+    """safety functions that are meant to switch the drive off"""
 
     _name: str = PrivateAttr(default="scenario")
     _path: Path | None = PrivateAttr(default=None)
@@ -228,7 +240,7 @@ def parse_scenario(
 
 
 _TABLES: Mapping[str, type[Strict]] = {
-    "drive": DriveStart, "squeeze": Squeeze, "record": Record, "changes": Change, "checks": Check,
+    "drive": DriveStart, "squeeze": Squeeze, "record": Record, "changes": Change, "checks": Check, "expected_trips": ExpectedTrip,
 }  # fmt: skip
 
 
@@ -309,13 +321,15 @@ def _check(scenario: Scenario) -> None:
             if tick_of(entry.at) <= tick_of(max(before, 0.0)) and before >= 0.0:
                 raise FaultError(key, f"{entry.at:g} s does not come after {name}[{k - 1}].at = {before:g} s")
             before = entry.at
+    for name in ("checks", "expected_trips"):
+        for k, entry in enumerate(getattr(scenario, name)):
+            start, end = entry.window
+            if not start < end <= scenario.duration:
+                raise FaultError(
+                    f"{name}[{k}].window",
+                    f"[{start:g}, {end:g}] s is not valid; start < end ≤ duration = {scenario.duration:g} s must hold",
+                )
     for k, check in enumerate(scenario.checks):
-        start, end = check.window
-        if not start < end <= scenario.duration:
-            raise FaultError(
-                f"checks[{k}].window",
-                f"[{start:g}, {end:g}] s is not valid; start < end ≤ duration = {scenario.duration:g} s must hold",
-            )
         if check.min is not None and check.max is not None and check.min > check.max:
             raise FaultError(f"checks[{k}].min", f"{check.min:g} is greater than max = {check.max:g}")
         if check.name in [other.name for other in scenario.checks[:k]]:

@@ -6,6 +6,9 @@ from typing import Any
 
 from cls_bench.errors import InputError
 
+ENTRIES = ("hand", "squeeze", "changes", "checks", "expected_trips")
+"""Arrays of tables, whose entries an override can name."""
+
 
 def parse_toml(source: bytes, file: str) -> dict[str, Any]:
     """The table in ``source``. Raises InputError with the line that is broken."""
@@ -53,8 +56,8 @@ def place_override(table: dict[str, Any], entry: str) -> str:
 
 def _entry(table: dict[str, Any], name: str, number: int) -> dict[str, Any]:
     """An entry of an array of tables, such as ``squeeze[0]``. Raises InputError unless it is there."""
-    if name not in ("hand", "squeeze", "changes", "checks"):
-        raise InputError(f"--set {name}[{number}]: {name} has no entries; valid: hand, squeeze, changes, checks")
+    if name not in ENTRIES:
+        raise InputError(f"--set {name}[{number}]: {name} has no entries; valid: {', '.join(ENTRIES)}")
     entries = table.get(name, [])
     count = len(entries) if isinstance(entries, list) else 0
     entry = entries[number] if number < count else None

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from cls_bench.analysis.memory import Memory
 from cls_bench.bench import Bench, DivergedError
-from cls_bench.experiment import DIVERGED, FAILED, PASSED, measure
+from cls_bench.experiment import ending, measure
 from cls_bench.scenario import Check, Scenario, parse_scenario
 from cls_bench.sweep.engine import Point, Value
 from cls_bench.sweep.plan import Plan, override
@@ -18,15 +18,16 @@ def measure_in_memory(scenario: Scenario) -> dict[str, Value]:
     Checks whose window a diverged run did not reach are NaN. Raises InputError if the bench cannot be built.
     """
     bench = Bench(scenario.parameters_at_start(), seed=scenario.seed)
-    memory, message = Memory(scenario.checks), ""
+    memory, failure = Memory(scenario.checks), None
     try:
         for block in bench.run(scenario):
             memory.keep(block)
     except DivergedError as error:
-        message = str(error)
+        failure = error
     results = measure(scenario, memory)
-    status = DIVERGED if message else PASSED if all(result.passed for result in results) else FAILED
-    return {"status": status, "message": message, **{result.check.name: float(result.value) for result in results}}
+    found = ending(scenario, bench.trips, failure).judged(results)
+    values = {result.check.name: float(result.value) for result in results}
+    return {"status": found.status, "message": found.message, **values}
 
 
 @dataclass(frozen=True)

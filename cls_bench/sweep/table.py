@@ -34,7 +34,7 @@ def to_table(plan: Plan, rows: Sequence[Row]) -> pa.Table:
         columns[axis.key] = _column(cells)
         fields.append(_field(axis.key, columns[axis.key].type, "", "axis"))
     columns["status"] = pa.array([row.values.get("status", ERROR) for row in rows], pa.string())
-    fields.append(_field("status", pa.string(), "", f"passed, failed, diverged, or {ERROR}"))
+    fields.append(_field("status", pa.string(), "", f"passed, failed, diverged, tripped, or {ERROR}"))
     for check in plan.checks:
         columns[check.name] = pa.array([row.values.get(check.name) for row in rows], pa.float64())
         fields.append(_field(check.name, pa.float64(), metrics.unit(check), check.metric))
