@@ -36,8 +36,10 @@ class CheckResult:
 
     check: Check
     value: float
-    """NaN if the run ended before its window"""
+    """NaN if it could not be measured"""
     unit: str
+    note: str = ""
+    """why it could not be measured"""
 
     @property
     def judged(self) -> bool:
@@ -260,7 +262,8 @@ def measure(scenario: Scenario, recording: Source) -> tuple[CheckResult, ...]:
         if check.window not in windows:
             start, end = check.window
             windows[check.window] = Window(recording, start, end, scenario.parameters_at(start))
-        results.append(CheckResult(check, metrics.evaluate(check, windows[check.window]), metrics.unit(check)))
+        value, note = metrics.measured(check, windows[check.window])
+        results.append(CheckResult(check, value, metrics.unit(check), note))
     return tuple(results)
 
 

@@ -211,11 +211,13 @@ def parse_scenario(
     path: Path | None = None,
     seed: int | None = None,
     set: Sequence[str] = (),
+    sample_files: Mapping[str, bytes] | None = None,
 ) -> Scenario:
     """Make a scenario of TOML text and check it as a whole; as :func:`load_scenario` otherwise.
 
     ``path`` is where the text was read from: it gives the name, and sample files are looked for beside it (in the
-    current folder without it). Raises InputError.
+    current folder without it). If ``sample_files`` is given, name -> content, they are taken from there and nothing is
+    read from the disk. Raises InputError.
     """
     source = toml.encode() if isinstance(toml, str) else toml
     file = str(path) if path else name
@@ -226,7 +228,7 @@ def parse_scenario(
         scenario = _validated(table)
         scenario._name, scenario._path = (path.stem, path) if path else (name, None)
         scenario._source, scenario._overrides = source, overrides
-        _read_samples(scenario)
+        _read_samples(scenario, sample_files)
         _check(scenario)
     except FaultError as fault:
         if fault.key in from_command_line:
@@ -293,13 +295,15 @@ def _validated(table: dict[str, Any]) -> Scenario:
     raise FaultError(key, problem_of({**error, "loc": (owner,)}, model, list(SEGMENTS)))
 
 
-def _read_samples(scenario: Scenario) -> None:
+def _read_samples(scenario: Scenario, given: Mapping[str, bytes] | None) -> None:
     folder = scenario.path.parent if scenario.path else Path()
     for k, segment in enumerate(scenario.hand):
         if isinstance(segment, Samples):
             key = f"hand[{k}].file"
             try:
-                content = (folder / segment.file).read_bytes()
+                if given is not None and segment.file not in given:
+                    raise FaultError(key, f"{shown(segment.file)} is not among the recording's attachments")
+                content = (folder / segment.file).read_bytes() if given is None else given[segment.file]
                 segment._read(content)
             except OSError as error:
                 raise FaultError(key, f"{shown(segment.file)} cannot be read: {error.strerror}") from None
