@@ -4,14 +4,14 @@ import datetime as dt
 import math
 import subprocess
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from cls_bench.analysis import metrics
 from cls_bench.analysis.memory import Memory
-from cls_bench.analysis.window import MissingSignalError, Source, Window, holds_all
+from cls_bench.analysis.window import Source, Window, holds_all
 from cls_bench.bench import Bench, DivergedError, OuterLoop, versions
 from cls_bench.claims import claim_stem, file_name
 from cls_bench.compiled import is_cached
@@ -36,10 +36,10 @@ class CheckResult:
 
     check: Check
     value: float
-    """NaN if the run ended before its window"""
+    """NaN if it could not be measured"""
     unit: str
-    from_run: bool = False
-    """whether it was measured during the run, because the recording does not hold what it needs"""
+    note: str = ""
+    """why it could not be measured"""
 
     @property
     def judged(self) -> bool:
@@ -181,7 +181,7 @@ def run(
     failure: BenchError | None = None
     events: list[Event] = []
     topics = scenario.record.topics()
-    memory = None if holds_all({topic.path: topic for topic in topics}) else Memory(scenario.checks)
+    memory = None if holds_all(topics) else Memory(scenario.checks)
     stem = _claimed(Path(out), scenario, rerun=rerun)
     with Recorder(
         stem, run_info(scenario, bench), rerun=rerun, topics=topics, poses=scenario.record.poses
@@ -252,30 +252,16 @@ def _is_expected(trip: Trip, entry: ExpectedTrip) -> bool:
     return entry.reason in ("any", trip.reason) and tick_of(entry.window[0]) <= trip.tick <= tick_of(entry.window[1])
 
 
-
-
-def measure(
-    scenario: Scenario, recording: Source, known: Mapping[str, float | None] | None = None
-) -> tuple[CheckResult, ...]:
-    """Evaluate the scenario's checks on a recording of it, or on samples kept in memory.
-
-    Of a check whose signals were not recorded, the value that was measured during the run is taken from ``known``.
-    Raises InputError if it is not there either.
-    """
+def measure(scenario: Scenario, recording: Source) -> tuple[CheckResult, ...]:
+    """Evaluate the scenario's checks on a recording of it, or on samples kept in memory."""
     windows: dict[tuple[float, float], Window] = {}
     results = []
     for check in scenario.checks:
         if check.window not in windows:
             start, end = check.window
             windows[check.window] = Window(recording, start, end, scenario.parameters_at(start))
-        try:
-            result = CheckResult(check, metrics.evaluate(check, windows[check.window]), metrics.unit(check))
-        except MissingSignalError:
-            if known is None or check.name not in known:
-                raise
-            value = known[check.name]
-            result = CheckResult(check, math.nan if value is None else value, metrics.unit(check), from_run=True)
-        results.append(result)
+        value, note = metrics.measured(check, windows[check.window])
+        results.append(CheckResult(check, value, metrics.unit(check), note))
     return tuple(results)
 
 

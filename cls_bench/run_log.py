@@ -56,14 +56,27 @@ class Trip(NamedTuple):
         return Event(self.tick, "error", "safety", self.message)
 
 
+_TRIPPED = "safe torque off: "
+_TRIP_TEXTS = {
+    "limit_switch": "limit switch open",
+    "following_error": "following error too large",
+    "invalid_value": "{} is not a finite number",
+}
+
+
 def trip(tick: int, reason: int, invalid: str) -> Trip:
     """The trip of number ``reason`` in the PLC; ``invalid`` names the number that was not finite, if that was why."""
-    text = {
-        "limit_switch": "limit switch open",
-        "following_error": "following error too large",
-        "invalid_value": f"{invalid} is not a finite number",
-    }[TRIPS[reason]]
-    return Trip(tick, TRIPS[reason], f"safe torque off: {text}")
+    return Trip(tick, TRIPS[reason], _TRIPPED + _TRIP_TEXTS[TRIPS[reason]].format(invalid))
+
+
+def trip_of(event: Event) -> Trip | None:
+    """The trip back from its event; None if the event is none."""
+    if (event.level, event.source) != ("error", "safety") or not event.message.startswith(_TRIPPED):
+        return None
+    for reason, text in _TRIP_TEXTS.items():
+        if event.message.endswith(text.removeprefix("{}")):
+            return Trip(event.tick, reason, event.message)
+    return None
 
 
 class _Episode(NamedTuple):

@@ -8,12 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cls_bench.scenario import Check, tick_of
-from cls_bench.signals import PLC_TICKS, TOPIC, Block
+from cls_bench.signals import PLC_TICKS, TICK_S, TOPIC, Block
 
 
 class Samples(NamedTuple):
     """Signals of one topic over time."""
 
+    time: NDArray[np.float64]
     values: Mapping[str, NDArray[np.float64]]
 
 
@@ -22,6 +23,7 @@ class Memory:
 
     def __init__(self, checks: Sequence[Check]):
         self.topics = {path: replace(topic, ticks=PLC_TICKS) for path, topic in TOPIC.items()}
+        """the topics as they are in memory, by path"""
         self._windows = {(tick_of(check.window[0]), tick_of(check.window[1])) for check in checks}
         self._blocks: list[tuple[NDArray[np.int64], dict[str, NDArray[np.float64]]]] = []
 
@@ -48,11 +50,12 @@ class Memory:
         """As :meth:`cls_bench.analysis.window.Source.read`, at the PLC's rate."""
         if every != 1:
             raise ValueError("what is in memory is read whole")
-        known = TOPIC[topic]
+        known = self.topics[topic]
         names = known.names if signals is None else signals
         columns = [known.names.index(name) for name in names]
         first = -np.inf if start is None else tick_of(start)
         last = np.inf if end is None else tick_of(end)
-        parts = [rows[topic][(ticks >= first) & (ticks < last)][:, columns] for ticks, rows in self._blocks]
-        table = np.concatenate(parts) if parts else np.zeros((0, len(columns)))
-        return Samples({name: np.ascontiguousarray(table[:, k]) for k, name in enumerate(names)})
+        inside = [(ticks, rows[topic], (ticks >= first) & (ticks < last)) for ticks, rows in self._blocks]
+        time = np.concatenate([np.zeros(0), *(ticks[kept] * TICK_S for ticks, _, kept in inside)])
+        table = np.concatenate([np.zeros((0, len(columns))), *(rows[kept][:, columns] for _, rows, kept in inside)])
+        return Samples(time, {name: np.ascontiguousarray(table[:, k]) for k, name in enumerate(names)})

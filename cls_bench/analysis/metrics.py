@@ -90,14 +90,28 @@ def unit(check: Check) -> str:
 
 
 def evaluate(check: Check, window: Window) -> float:
-    """Value of the check's metric; NaN if the window holds no samples (a run that ended before it)."""
+    """Value of the check's metric; NaN if it cannot be measured, see :func:`measured`."""
+    return measured(check, window)[0]
+
+
+def measured(check: Check, window: Window) -> tuple[float, str]:
+    """Value of the check's metric, and if it is NaN, why: the run ended before, or samples that it needs are lost."""
     metric = METRICS[check.metric]
-    if len(window.time) < MIN_SAMPLES:
-        return math.nan
+    if window.rows < MIN_SAMPLES:
+        return math.nan, f"the window holds fewer than {MIN_SAMPLES} samples"
+    watched = window.watched()
     arguments = {name: check.arguments.get(name, argument.default) for name, argument in metric.arguments.items()}
-    if metric.of_signal:
-        return float(metric.function(window, window[check.signal or ""], **arguments))
-    return float(metric.function(window, **arguments))
+    try:
+        with np.errstate(all="ignore"):
+            signals = [watched[check.signal or ""]] if metric.of_signal else []
+            value = float(metric.function(watched, *signals, **arguments))
+    except (ValueError, ArithmeticError, IndexError, np.linalg.LinAlgError, InputError) as error:
+        value, reason = math.nan, str(error)
+    else:
+        reason = "these samples do not show it"
+    if watched.flaws:
+        return math.nan, watched.flaws[0]
+    return value, reason if math.isnan(value) else ""
 
 
 MIN_SAMPLES = 64

@@ -224,11 +224,13 @@ def parse_scenario(
     path: Path | None = None,
     seed: int | None = None,
     set: Sequence[str] = (),
+    sample_files: Mapping[str, bytes] | None = None,
 ) -> Scenario:
     """Make a scenario of TOML text and check it as a whole; as :func:`load_scenario` otherwise.
 
     ``path`` is where the text was read from: it gives the name, and sample files are looked for beside it (in the
-    current folder without it). Raises InputError.
+    current folder without it). If ``sample_files`` is given, name -> content, they are taken from there and nothing is
+    read from the disk. Raises InputError.
     """
     source = toml.encode(errors="surrogatepass") if isinstance(toml, str) else toml
     file = printable(str(path) if path else name, 500)
@@ -240,7 +242,7 @@ def parse_scenario(
         scenario._name, scenario._path = (path.stem, path) if path else (name, None)
         scenario._source, scenario._overrides = source, overrides
         _check(scenario)
-        _read_samples(scenario)
+        _read_samples(scenario, sample_files)
     except FaultError as fault:
         if fault.key in from_command_line:
             origin = "--set"
@@ -307,7 +309,7 @@ def _validated(table: dict[str, Any]) -> Scenario:
     raise FaultError(key, problem_of({**error, "loc": (owner,)}, model, list(SEGMENTS)))
 
 
-def _read_samples(scenario: Scenario) -> None:
+def _read_samples(scenario: Scenario, given: Mapping[str, bytes] | None) -> None:
     folder = scenario.path.parent if scenario.path else Path()
     ends = [*(segment.at for segment in scenario.hand[1:]), scenario.duration]
     notes = []
@@ -315,7 +317,9 @@ def _read_samples(scenario: Scenario) -> None:
         if isinstance(segment, Samples):
             key, file = f"hand[{k}].file", shown(segment.file)
             try:
-                content = read_file(folder / segment.file, MOST_BYTES)
+                if given is not None and segment.file not in given:
+                    raise FaultError(key, f"{file} is not among the recording's attachments")
+                content = read_file(folder / segment.file, MOST_BYTES) if given is None else given[segment.file]
                 notes.append(f"hand[{k}] {printable(segment.file)}: {segment._read(content, end - segment.at)}")
             except OSError as error:
                 raise FaultError(key, f"{file} cannot be read: {error.strerror or error}") from None
