@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from cls_bench.text import printable
+
 if TYPE_CHECKING:
     from cls_bench.experiment import Progress, Result
     from cls_bench.scenario import Scenario
@@ -28,7 +30,7 @@ def print_table(header: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> Non
     for k, title in enumerate(header):
         table.add_column(title, overflow="fold", no_wrap=k == 0)
     for row in rows:
-        table.add_row(*(Text(cell) for cell in row))  # as it is: brackets are units, no markup
+        table.add_row(*(Text(printable(cell)) for cell in row))  # brackets are units, no markup
     make_console().print(table)
 
 
