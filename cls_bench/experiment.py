@@ -30,8 +30,10 @@ class CheckResult:
 
     check: Check
     value: float
-    """NaN if the run ended before its window"""
+    """NaN if it could not be measured"""
     unit: str
+    reason: str = ""
+    """why it could not be measured"""
 
     @property
     def judged(self) -> bool:
@@ -96,12 +98,14 @@ class Result:
             "scenario": self.scenario.name,
             "status": self.status,
             **({"message": self.message} if self.message else {}),
-            "metrics": {r.check.name: {"value": _finite(r.value), "unit": r.unit} for r in self.checks},
+            "metrics": {
+                r.check.name: {"value": _finite(r.value), "unit": r.unit, **_why(r)} for r in self.checks
+            },
             "checks": [
                 {
                     "name": r.check.name, "metric": r.check.metric, "window": list(r.check.window),
                     "value": _finite(r.value), "unit": r.unit, "min": r.check.min, "max": r.check.max,
-                    "passed": r.passed,
+                    "passed": r.passed, **_why(r),
                 }
                 for r in self.checks if r.judged
             ],
@@ -112,6 +116,10 @@ class Result:
                 "real_time_factor": round(self.timing.real_time_factor, 2),
             },
         }  # fmt: skip
+
+
+def _why(result: CheckResult) -> dict[str, str]:
+    return {"reason": result.reason} if result.reason else {}
 
 
 def _finite(value: float) -> float | None:
@@ -180,20 +188,26 @@ def run(
             message = str(error)
         recorder.finish(DIVERGED if message else "complete")
         timing = Timing(simulated, time.perf_counter() - start)
-    checks = measure(scenario, Recording(recorder.mcap_path))
+    checks = measure(scenario, Recording(recorder.mcap_path), own_loop=controller is not None)
     status = DIVERGED if message else PASSED if all(check.passed for check in checks) else FAILED
     return Result(scenario, status, checks, recorder.mcap_path, recorder.rrd_path, timing, message)
 
 
-def measure(scenario: Scenario, recording: Source) -> tuple[CheckResult, ...]:
-    """Evaluate the scenario's checks on a recording of it, or on samples kept in memory."""
+def measure(scenario: Scenario, recording: Source, *, own_loop: bool = False) -> tuple[CheckResult, ...]:
+    """Evaluate the scenario's checks on a recording of it, or on samples kept in memory.
+
+    ``own_loop`` says that a user's outer loop ran instead of the feel model.
+    """
     windows: dict[tuple[float, float], Window] = {}
     results = []
     for check in scenario.checks:
         if check.window not in windows:
             start, end = check.window
-            windows[check.window] = Window(recording, start, end, scenario.parameters_at(start))
-        results.append(CheckResult(check, metrics.evaluate(check, windows[check.window]), metrics.unit(check)))
+            windows[check.window] = Window(
+                recording, start, end, scenario.parameters_at(start), idle=scenario.idle(start, end), own_loop=own_loop
+            )
+        value, reason = metrics.evaluate(check, windows[check.window])
+        results.append(CheckResult(check, value, metrics.unit(check), reason))
     return tuple(results)
 
 

@@ -47,10 +47,17 @@ class Window:
     rate = 1.0 / PLC_S
     """Sampling rate [Hz]."""
 
-    def __init__(self, source: Source, start: float, end: float, parameters: Parameters):
+    def __init__(
+        self, source: Source, start: float, end: float, parameters: Parameters, *,
+        idle: str = "", own_loop: bool = False,
+    ):  # fmt: skip
         self._source = source
         self.start, self.end = start, end
         self.parameters = parameters
+        self.idle = idle
+        """why the column is not meant to follow the feel model, at least for a part; empty if it is"""
+        self.own_loop = own_loop
+        """whether a user's own outer loop ran instead of the feel model"""
         self._read: dict[str, Array] = {}
 
     def __getitem__(self, signal: str) -> Array:
@@ -61,10 +68,19 @@ class Window:
             self._read[signal] = series.values[name]
         return self._read[signal]
 
+    @property
+    def rows(self) -> int:
+        """Samples of a signal if the run went on to the window's end."""
+        return self._row(self.end) - self._row(self.start)
+
+    @staticmethod
+    def _row(time: float) -> int:
+        return -(-round(time / TICK_S) // PLC_TICKS)
+
     @cached_property
     def time(self) -> Array:
         """Time since the start of the run, shape (rows,) [s]."""
-        first = -(-round(self.start / TICK_S) // PLC_TICKS)
+        first = self._row(self.start)
         return PLC_S * np.arange(first, first + len(self["/feel.angle"]), dtype=np.float64)
 
 

@@ -65,6 +65,9 @@ def print_result(result: "Result") -> None:
         verdict = Text("") if not r.judged else Text("passed", "green") if r.passed else Text("FAILED", "bold red")
         table.add_row(Text(r.check.name), number(r.value), r.unit, limits, verdict)
     console.print(table)
+    for r in result.checks:
+        if r.reason:
+            console.print(Text(f"{r.check.name}: not measured: {r.reason}"), soft_wrap=True)
     style = {"passed": "green", "failed": "bold red", "diverged": "bold red"}[result.status]
     line = Text.assemble((result.status.upper(), style), f" {result.message}" if result.message else "")
     t = result.timing
