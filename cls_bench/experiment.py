@@ -106,12 +106,14 @@ class Result:
             "scenario": self.scenario.name,
             "status": self.status,
             **({"message": self.message} if self.message else {}),
-            "metrics": {r.check.name: {"value": _finite(r.value), "unit": r.unit} for r in self.checks},
+            "metrics": {
+                r.check.name: {"value": _finite(r.value), "unit": r.unit, **_why(r)} for r in self.checks
+            },
             "checks": [
                 {
                     "name": r.check.name, "metric": r.check.metric, "window": list(r.check.window),
                     "value": _finite(r.value), "unit": r.unit, "min": r.check.min, "max": r.check.max,
-                    "passed": r.passed,
+                    "passed": r.passed, **_why(r),
                 }
                 for r in self.checks if r.judged
             ],
@@ -126,6 +128,10 @@ class Result:
                 "real_time_factor": round(self.timing.real_time_factor, 2),
             },
         }  # fmt: skip
+
+
+def _why(result: CheckResult) -> dict[str, str]:
+    return {"note": result.note} if result.note else {}
 
 
 def _finite(value: float) -> float | None:
@@ -203,7 +209,8 @@ def run(
             failure = error
         recorder.flush()
         flushed = time.perf_counter()
-        checks = measure(scenario, memory or Recording(recorder.mcap_path, unfinished=True))
+        source = memory or Recording(recorder.mcap_path, unfinished=True)
+        checks = measure(scenario, source, own_loop=controller is not None)
         ended = ending(scenario, bench.trips, failure)
         verdict = ended.judged(checks)
         measured = {result.check.name: _finite(result.value) for result in checks}
@@ -252,15 +259,20 @@ def _is_expected(trip: Trip, entry: ExpectedTrip) -> bool:
     return entry.reason in ("any", trip.reason) and tick_of(entry.window[0]) <= trip.tick <= tick_of(entry.window[1])
 
 
-def measure(scenario: Scenario, recording: Source) -> tuple[CheckResult, ...]:
-    """Evaluate the scenario's checks on a recording of it, or on samples kept in memory."""
+def measure(scenario: Scenario, recording: Source, *, own_loop: bool = False) -> tuple[CheckResult, ...]:
+    """Evaluate the scenario's checks on a recording of it, or on samples kept in memory.
+
+    ``own_loop`` says that a user's outer loop ran instead of the feel model.
+    """
     windows: dict[tuple[float, float], Window] = {}
     results = []
     for check in scenario.checks:
         if check.window not in windows:
             start, end = check.window
-            windows[check.window] = Window(recording, start, end, scenario.parameters_at(start))
-        value, note = metrics.measured(check, windows[check.window])
+            windows[check.window] = Window(
+                recording, start, end, scenario.parameters_at(start), idle=scenario.idle(start, end), own_loop=own_loop
+            )
+        value, note = metrics.evaluate(check, windows[check.window])
         results.append(CheckResult(check, value, metrics.unit(check), note))
     return tuple(results)
 

@@ -1,5 +1,6 @@
 """What the commands print: tables, results, progress."""
 
+import math
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
@@ -67,6 +68,10 @@ def print_result(result: "Result") -> None:
         verdict = Text("") if not r.judged else Text("passed", "green") if r.passed else Text("FAILED", "bold red")
         table.add_row(Text(r.check.name), number(r.value), r.unit, limits, verdict)
     console.print(table)
+    for r in result.checks:
+        if r.note:
+            what = "not measured: " if math.isnan(r.value) else ""
+            console.print(Text(f"{r.check.name}: {what}{r.note}"), soft_wrap=True)
     _print_events(result)
     style = "green" if result.status == "passed" else "bold red"
     status = result.status.upper().replace("_", " ")

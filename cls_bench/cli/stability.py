@@ -348,7 +348,7 @@ def stability_map(
             result = compute(
                 _setup(overrides, grip, ideal), Grid(axes[0], axes[1], *size),
                 _standard(ideal, rate_deg, pulse, seed), journal=journal, resume=resume, scheduler=scheduler,
-                report=report,
+                report=report, say=lambda line: click.echo(line, err=True),
             )  # fmt: skip
     except KeyboardInterrupt:
         click.echo(f"{journal} keeps the points that are done; continue with --resume", err=True)

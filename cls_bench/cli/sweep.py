@@ -47,7 +47,7 @@ def sweep(file: Path, out: Path | None, resume: bool, scheduler: str, as_json: b
         with points_progress(quiet=as_json) as report:
             rows = evaluate_points(
                 ScenarioAt.of(plan), plan.sweep.points, journal=journal, identity=plan.identity, resume=resume,
-                scheduler=engine, report=report,
+                scheduler=engine, report=report, say=lambda line: click.echo(line, err=True),
             )  # fmt: skip
     except KeyboardInterrupt:
         click.echo(f"{journal} keeps the points that are done; continue with --resume", err=True)

@@ -29,6 +29,9 @@ from cls_bench.step_limit import unstable_parameter
 
 Limit = Annotated[float, Field(ge=-1e12, le=1e12)]
 
+SOON = 0.001
+"""Time [s] within which a change has taken effect."""
+
 LONGEST_LINE = 1000
 """Characters of a message."""
 
@@ -183,6 +186,18 @@ class Scenario(Strict):
         except FaultError as fault:
             raise InputError(printable(str(fault), LONGEST_LINE)) from None
         return other
+
+    def idle(self, start: float, end: float) -> str:
+        """Why the column is not meant to follow the feel model from ``start`` to ``end`` [s]; empty if it is."""
+        power, mode, since = self.drive.power, "", 0.0
+        for change in [*self.changes, None]:
+            until = self.duration if change is None else change.at
+            if since < end and until > start + SOON and (power == "off" or mode in ("off", "torque")):
+                state = "off" if "off" in (power, mode) else f"in mode {mode}"
+                return f"the drive is {state} from {since:g} s to {until:g} s"
+            if change is not None:
+                power, mode, since = change.power or power, change.mode or mode, change.at
+        return ""
 
     def parameters_at_start(self) -> Parameters:
         """All parameters of the bench when the run begins."""
