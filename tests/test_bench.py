@@ -257,7 +257,7 @@ def test_something_without_a_step_is_refused():
 
 
 def let_any_stiffness_in(monkeypatch):
-    for place in ("scenario", "step_limit"):
+    for place in ("scenario.scenario", "step_limit"):
         monkeypatch.setattr(f"cls_bench.{place}.unstable_parameter", lambda *_: None)
 
 
@@ -271,7 +271,7 @@ def test_a_diverging_run_says_when_and_what(tmp_path, monkeypatch, stiffness):
     assert isinstance(error, DivergedError)
     assert error.exit_code == 3
     assert 0.0 < error.time < 0.5
-    assert error.cause.startswith("velocity of joint " if stiffness == "1e9" else "MuJoCo warned: ")
+    assert error.cause.startswith("velocity of joint ")
     assert f"t = {error.time:.4f} s" in str(error)
     assert error.cause in str(error)
     assert len(r["/column.angle"]) == round(error.time / 5e-5)

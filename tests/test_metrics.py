@@ -30,7 +30,7 @@ class Signals:
         values: Mapping[str, Array] = {
             name: self._signals.get(f"{topic}.{name}", np.zeros(len(TIME)))[rows] for name in signals or ()
         }
-        return SimpleNamespace(values=values)
+        return SimpleNamespace(values=values, time=TIME[rows])
 
 
 def measured(
