@@ -1,10 +1,12 @@
 """One experiment from scenario to verdict: run the bench, record, measure."""
 
 import datetime as dt
+import hashlib
+import inspect
 import math
 import subprocess
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,15 +15,22 @@ from cls_bench.analysis import metrics
 from cls_bench.analysis.window import Source, Window
 from cls_bench.bench import Bench, DivergedError, OuterLoop, versions
 from cls_bench.compiled import is_cached
-from cls_bench.errors import ControllerError, InputError
+from cls_bench import interrupts
+from cls_bench.controllers import Controller, Place
+from cls_bench.errors import ControllerError, ExitCode, InputError, Interrupted
+from cls_bench.parameters import Parameters
 from cls_bench.recording import Recorder, Recording, RunInfo
+from cls_bench.recording.recorder import COMPLETE
 from cls_bench.scenario import Check, Scenario, load_scenario
 
 RECORDINGS = Path("recordings")
 """Where recordings go unless told otherwise: a folder in the current one."""
 
-PASSED, FAILED, DIVERGED = "passed", "failed", "diverged"
-EXIT_CODES = {PASSED: 0, FAILED: 1, DIVERGED: 3}
+PASSED, FAILED, DIVERGED, CONTROLLER_FAILED = "passed", "failed", "diverged", "controller_failed"
+EXIT_CODES: dict[str, int] = {
+    PASSED: ExitCode.PASSED, FAILED: ExitCode.FAILED, DIVERGED: ExitCode.DIVERGED,
+    CONTROLLER_FAILED: ExitCode.CONTROLLER,
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -66,13 +75,13 @@ class Result:
 
     scenario: Scenario
     status: str
-    """``passed``, ``failed`` or ``diverged``"""
+    """``passed``, ``failed``, ``diverged`` or ``controller_failed``"""
     checks: tuple[CheckResult, ...]
     mcap: Path
     rrd: Path | None
     timing: Timing
     message: str = ""
-    """why it diverged"""
+    """why it diverged, or how the controller failed"""
 
     @property
     def exit_code(self) -> int:
@@ -124,6 +133,9 @@ class Progress:
     def compiling(self) -> None:
         """Called before the first run compiles the loop, which happens once."""
 
+    def recording(self, mcap: Path) -> None:
+        """Called when the recording's file is there."""
+
     def advanced(self, simulated_s: float, real_time_factor: float) -> None:
         """Called after every block."""
 
@@ -131,6 +143,8 @@ class Progress:
 def validate(scenario: Scenario) -> None:
     """Raise InputError unless the bench can be built and all checks can be measured."""
     _check_metrics(scenario)
+    if scenario.controller_place is not None:
+        scenario.controller_place.check()
     Bench(scenario.parameters_at_start(), seed=scenario.seed)
 
 
@@ -149,13 +163,16 @@ def run(
     seed: int | None = None,
     set: Sequence[str] = (),
     rerun: bool = True,
-    controller: OuterLoop | None = None,
+    controller: OuterLoop | str | Place | None = None,
     progress: Progress | None = None,
 ) -> Result:
     """Run a scenario, shipped by name, from a file or as an object; record it in the folder ``out``; measure it.
 
-    ``seed`` and ``set`` (``KEY=VALUE``) override the file's values; ``controller`` replaces the feel model. Raises
-    InputError and OutputError; a run that diverges is a Result with that status, its recording ends there.
+    ``seed`` and ``set`` (``KEY=VALUE``) override the file's values. ``controller`` replaces the feel model, or the
+    scenario's own controller: an object, or ``"FILE.py:NAME"``, ``"package.module:NAME"``, or a
+    :class:`~cls_bench.controllers.Place` with arguments. Raises InputError and OutputError, and ControllerError if a
+    controller cannot be made. A run that diverges, or whose controller fails, is a Result with that status; its
+    recording ends there.
     """
     if not isinstance(scenario, Scenario):
         scenario = load_scenario(scenario, seed=seed, set=set)
@@ -163,26 +180,83 @@ def run(
         raise InputError("seed and set override the values of a file; this scenario is loaded already")
     progress = progress or Progress()
     _check_metrics(scenario)
-    bench = Bench(scenario.parameters_at_start(), seed=scenario.seed, controller=controller)
-    message = ""
-    with Recorder(_stem(Path(out), scenario), run_info(scenario, bench), rerun=rerun) as recorder:
-        if not is_cached():
-            progress.compiling()
-        bench.compile()
-        start = time.perf_counter()
-        simulated = 0.0
-        try:
-            for block in bench.run(scenario):
-                recorder.write(block)
-                simulated = bench.time
-                progress.advanced(simulated, simulated / (time.perf_counter() - start))
-        except (DivergedError, ControllerError) as error:
-            message = str(error)
-        recorder.finish(DIVERGED if message else "complete")
-        timing = Timing(simulated, time.perf_counter() - start)
+    parameters = scenario.parameters_at_start()
+    loop, about = _controller(scenario, parameters, controller)
+    bench = Bench(parameters, seed=scenario.seed, controller=loop)
+    if not is_cached():
+        progress.compiling()
+    bench.compile()
+    message, status, simulated, recorder = "", COMPLETE, 0.0, None
+    try:
+        # A signal is noted while the files are open, and raised between two blocks.
+        with (
+            interrupts.held(),
+            Recorder(_stem(Path(out), scenario), run_info(scenario, bench, about), rerun=rerun) as recorder,
+        ):
+            progress.recording(recorder.mcap_path)
+            start = time.perf_counter()
+            try:
+                for block in bench.run(scenario):
+                    recorder.write(block)
+                    simulated = bench.time
+                    progress.advanced(simulated, simulated / (time.perf_counter() - start))
+                    interrupts.check()
+            except DivergedError as error:
+                message, status = str(error), DIVERGED
+            except ControllerError as error:
+                message, status = str(error), CONTROLLER_FAILED
+            recorder.finish(status)
+            timing = Timing(simulated, time.perf_counter() - start)
+    except KeyboardInterrupt:
+        if recorder is None:
+            raise
+        raise Interrupted(f"interrupted at t = {simulated:g} s; kept: {recorder.mcap_path}") from None
     checks = measure(scenario, Recording(recorder.mcap_path))
-    status = DIVERGED if message else PASSED if all(check.passed for check in checks) else FAILED
+    if status == COMPLETE:
+        status = PASSED if all(check.passed for check in checks) else FAILED
     return Result(scenario, status, checks, recorder.mcap_path, recorder.rrd_path, timing, message)
+
+
+FEEL_MODEL = "feel model"
+"""What a recording calls the controller of a run without one of the user's own."""
+
+
+def make_controller(scenario: Scenario, parameters: Parameters) -> OuterLoop | None:
+    """A fresh object of the controller that the scenario names; None for the feel model."""
+    place = scenario.controller_place
+    loop: OuterLoop | None = None if place is None else Controller(place).make(parameters)
+    return loop
+
+
+def _controller(
+    scenario: Scenario, parameters: Parameters, given: OuterLoop | str | Place | None
+) -> tuple[OuterLoop | None, dict[str, bytes | str]]:
+    """The outer loop of a run, and what the recording says of it: its text under ``controller.py``, else metadata."""
+    place = scenario.controller_place if given is None else given
+    if isinstance(place, str):
+        place = Place(place, key="controller")
+    if isinstance(place, Place):
+        found = Controller(place)
+        return found.make(parameters), {**found.metadata, CONTROLLER_FILE: found.text}
+    if place is None:
+        return None, {"controller.name": FEEL_MODEL}
+    return place, {"controller.name": type(place).__name__, **_source_of(type(place))}
+
+
+CONTROLLER_FILE = "controller.py"
+"""Attachment with the source of the user's controller."""
+
+
+def _source_of(kind: type) -> dict[str, bytes | str]:
+    """Where the class of an object was written, as far as that is known."""
+    try:
+        path = Path(inspect.getfile(kind))
+        text = path.read_bytes()
+    except (OSError, TypeError):
+        return {}
+    return {
+        "controller.source": path.name, "controller.sha256": hashlib.sha256(text).hexdigest(), CONTROLLER_FILE: text,
+    }  # fmt: skip
 
 
 def measure(scenario: Scenario, recording: Source) -> tuple[CheckResult, ...]:
@@ -197,16 +271,18 @@ def measure(scenario: Scenario, recording: Source) -> tuple[CheckResult, ...]:
     return tuple(results)
 
 
-def run_info(scenario: Scenario, bench: Bench) -> RunInfo:
-    """What the recording says of a run besides its samples."""
+def run_info(scenario: Scenario, bench: Bench, controller: Mapping[str, bytes | str]) -> RunInfo:
+    """What the recording says of a run besides its samples; ``controller`` is what it says of the controller."""
+    files = {name: content for name, content in controller.items() if isinstance(content, bytes) and content}
+    about = {name: text for name, text in controller.items() if isinstance(text, str)}
     return RunInfo(
         scenario_name=scenario.name,
         scenario_toml=scenario.source,
-        mjcf={**bench.mjcf, **scenario.sample_files},
+        mjcf={**bench.mjcf, **scenario.sample_files, **files},
         parameters=bench.parameters.model_dump(),
         metadata={
             "title": scenario.title, "seed": str(scenario.seed), "overrides": "\n".join(scenario.overrides),
-            "units": "SI; radians", "commit": _commit(), **versions(),
+            "units": "SI; radians", "commit": _commit(), **about, **versions(),
         },
         wall_start=dt.datetime.now(dt.UTC).isoformat(timespec="milliseconds"),
         body_names=bench.body_names,

@@ -7,6 +7,7 @@ open: the signal is only noted, and :func:`check` raises it where nothing can be
 code stands. A signal that was ignored when the process began (nohup) stays ignored.
 """
 
+import dis
 import os
 import signal
 import sys
@@ -75,6 +76,18 @@ def finish(code: int) -> None:
     _State.code = code
     if hasattr(signal, "setitimer"):
         signal.setitimer(signal.ITIMER_REAL, 0.0)
+
+
+def is_ctrl_c(error: BaseException) -> bool:
+    """Whether ``error`` is a KeyboardInterrupt that a signal raised, and not a ``raise`` in someone's code."""
+    if not isinstance(error, KeyboardInterrupt):
+        return False
+    if _State.installed:
+        return pending()
+    trace = error.__traceback__
+    while trace is not None and trace.tb_next is not None:
+        trace = trace.tb_next
+    return trace is None or dis.opname[trace.tb_frame.f_code.co_code[trace.tb_lasti]] != "RAISE_VARARGS"
 
 
 def _handle(number: int, frame: FrameType | None) -> None:

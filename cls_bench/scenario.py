@@ -33,6 +33,7 @@ from pydantic import (
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import ErrorDetails, core_schema
 
+from cls_bench.controllers import Place
 from cls_bench.errors import InputError
 from cls_bench.parameters import Parameters, Section, leaves
 from cls_bench.resources import shipped_scenarios
@@ -301,6 +302,15 @@ class DriveStart(_Strict):
     """"off" is safe torque off: no torque at all, the motor turns freely"""
 
 
+class Controller(_Strict):
+    """A controller of your own in place of the feel model."""
+
+    source: Text
+    """FILE.py:NAME, relative to the scenario file, or package.module:NAME"""
+    arguments: dict[str, Any] = Field(default_factory=dict)
+    """arguments with which NAME is called"""
+
+
 class Change(_Strict):
     """What changes at a given time: the drive's power or mode, or parameters marked live."""
 
@@ -367,6 +377,8 @@ class Scenario(_Strict):
     """values that differ from the defaults, by dotted key, SI"""
     drive: DriveStart = DriveStart()
     """state of the drive when the run begins"""
+    controller: Controller | None = None
+    """a controller of your own in place of the feel model"""
     hand: list[Annotated[Segment, Field(discriminator="kind")]] = Field(default_factory=list)
     """what the hand does, in order of time; before the first segment it does not grip"""
     squeeze: list[Squeeze] = Field(default_factory=list)
@@ -406,6 +418,15 @@ class Scenario(_Strict):
     def sample_files(self) -> Mapping[str, bytes]:
         """Contents of the sample files, by the name the scenario gives them."""
         return self._sample_files
+
+    @property
+    def controller_place(self) -> Place | None:
+        """Where its controller is to be found; None for the feel model."""
+        if self.controller is None:
+            return None
+        folder = self.path.parent if self.path else Path()
+        key = f"{self.path or self.name}: controller.source:"
+        return Place(self.controller.source, self.controller.arguments, folder, key)
 
     @property
     def ticks(self) -> int:
@@ -617,7 +638,7 @@ def _problem(error: ErrorDetails, model: type[BaseModel]) -> str:
 _SEGMENTS: Mapping[str, type[_Segment]] = {
     "hold": Hold, "ramp": Ramp, "step": Step, "sine": Sine, "chirp": Chirp, "samples": Samples, "release": Release,
 }  # fmt: skip
-_TABLES: Mapping[str, type[_Strict]] = {"drive": DriveStart, "squeeze": Squeeze, "changes": Change, "checks": Check}
+_TABLES: Mapping[str, type[_Strict]] = {"controller": Controller, "drive": DriveStart, "squeeze": Squeeze, "changes": Change, "checks": Check}
 
 
 class _TomlSchema(GenerateJsonSchema):

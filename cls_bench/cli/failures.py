@@ -22,8 +22,8 @@ class Debug:
 def report(error: BaseException) -> int:
     """Say what went wrong on standard error, in one line; returns the exit code."""
     if Debug.on:
-        say("".join(_traceback(error)).rstrip("\n"))
-    code, line = _told(error)
+        say(traceback_of(error))
+    code, line = told(error)
     if line:
         say(line)
     return code
@@ -37,14 +37,15 @@ def say(text: str) -> None:
         pass
 
 
-def _traceback(error: BaseException) -> list[str]:
+def traceback_of(error: BaseException) -> str:
+    """The traceback as Python would print it."""
     try:
-        return traceback.format_exception(error)
+        return "".join(traceback.format_exception(error)).rstrip("\n")
     except BaseException:  # the exception's text cannot be made
-        return ["Traceback (most recent call last):\n", *traceback.format_tb(error.__traceback__), one_line(error)]
+        return "".join(["Traceback (most recent call last):\n", *traceback.format_tb(error.__traceback__), one_line(error)])
 
 
-def _told(error: BaseException) -> tuple[int, str]:
+def told(error: BaseException) -> tuple[int, str]:
     """Exit code and line."""
     if isinstance(error, KeyboardInterrupt) or interrupts.pending():
         said = one_line(error) if isinstance(error, Interrupted) else ""

@@ -1,5 +1,7 @@
 """What the commands print: tables, results, progress."""
 
+import json
+import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
@@ -8,6 +10,19 @@ import click
 
 if TYPE_CHECKING:
     from cls_bench.experiment import Progress, Result
+
+
+def print_json(found: Any) -> None:
+    """One JSON object, whole or not at all; in ASCII where the terminal takes no more."""
+    from cls_bench import interrupts
+
+    text = json.dumps(found, indent=2, ensure_ascii=False, allow_nan=False)
+    try:
+        text.encode(getattr(sys.stdout, "encoding", None) or "utf-8")
+    except UnicodeEncodeError:
+        text = json.dumps(found, indent=2, allow_nan=False)
+    with interrupts.held():
+        click.echo(text)
 
 
 def make_console() -> Any:
@@ -58,8 +73,8 @@ def print_result(result: "Result") -> None:
         verdict = Text("") if not r.judged else Text("passed", "green") if r.passed else Text("FAILED", "bold red")
         table.add_row(Text(r.check.name), number(r.value), r.unit, limits, verdict)
     console.print(table)
-    style = {"passed": "green", "failed": "bold red", "diverged": "bold red"}[result.status]
-    line = Text.assemble((result.status.upper(), style), f" {result.message}" if result.message else "")
+    style = "green" if result.status == "passed" else "bold red"
+    line = Text.assemble((result.status.upper().replace("_", " "), style), f" {result.message}" if result.message else "")
     t = result.timing
     line.append(f"  {t.simulated_s:g} s simulated in {t.wall_s:.1f} s: {t.real_time_factor:.1f} times real time")
     console.print(line)

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cls_bench.bench import Bench, DivergedError
-from cls_bench.experiment import DIVERGED, FAILED, PASSED, measure
+from cls_bench.errors import ControllerError
+from cls_bench.experiment import CONTROLLER_FAILED, DIVERGED, FAILED, PASSED, make_controller, measure
 from cls_bench.scenario import Check, Scenario, parse_scenario, tick_of
 from cls_bench.signals import PLC_TICKS, TOPIC, Block
 from cls_bench.sweep.engine import Point, Value
@@ -67,15 +68,18 @@ def measure_in_memory(scenario: Scenario) -> dict[str, Value]:
 
     Checks whose window a diverged run did not reach are NaN. Raises InputError if the bench cannot be built.
     """
-    bench = Bench(scenario.parameters_at_start(), seed=scenario.seed)
-    memory, message = Memory(scenario.checks), ""
+    parameters = scenario.parameters_at_start()
+    bench = Bench(parameters, seed=scenario.seed, controller=make_controller(scenario, parameters))
+    memory, message, status = Memory(scenario.checks), "", ""
     try:
         for block in bench.run(scenario):
             memory.keep(block)
     except DivergedError as error:
-        message = str(error)
+        message, status = str(error), DIVERGED
+    except ControllerError as error:
+        message, status = str(error), CONTROLLER_FAILED
     results = measure(scenario, memory)
-    status = DIVERGED if message else PASSED if all(result.passed for result in results) else FAILED
+    status = status or (PASSED if all(result.passed for result in results) else FAILED)
     return {"status": status, "message": message, **{result.check.name: float(result.value) for result in results}}
 
 
