@@ -21,7 +21,7 @@ import sys
 import threading
 import time
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib.machinery import ModuleSpec, PathFinder, SourceFileLoader
@@ -213,6 +213,10 @@ def user_code(what: str) -> Iterator[None]:
         inside.pop(thread, None)
 
 
+on_failure: list[Callable[[], None]] = []
+"""Called when a user's code has failed, before that is told."""
+
+
 class TookTooLongError(BaseException):
     """Raised in the midst of a user's code that does not come back."""
 
@@ -221,6 +225,8 @@ def failure_of(what: str, error: BaseException) -> BaseException:
     """The ControllerError of what a user's code raised; ``error`` itself if it is a real Ctrl-C."""
     if is_ctrl_c(error):
         return error
+    for act in on_failure:
+        act()
     said = one_line(error)
     if isinstance(error, TookTooLongError):
         said = str(error)

@@ -1,6 +1,7 @@
 """run, list, validate, schema."""
 
 import dataclasses
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -77,13 +78,15 @@ def _run_with_controller(
     from cls_bench.recording.closing import close_cut
 
     began: list[Path] = []
-    simulated = [0.0, 0.0]
+    simulated, start = 0.0, time.perf_counter()
 
     def tell(what: str, *values: Any) -> None:
+        nonlocal simulated, start
         if what == "recording":
             began.append(values[0])
+            start = time.perf_counter()
         elif what == "advanced":
-            simulated[:] = values
+            simulated = values[0]
         getattr(progress, what)(*values)
 
     try:
@@ -93,15 +96,15 @@ def _run_with_controller(
             raise
         close_cut(began[0], experiment.CONTROLLER_FAILED)
         checks = experiment.measure(scenario, Recording(began[0]))
-        timing = experiment.Timing(simulated[0], simulated[0] / simulated[1] if simulated[1] else 0.0)
+        timing = experiment.Timing(simulated, time.perf_counter() - start)
         rrd = began[0].with_suffix(".rrd")
-        message = f"{error}, at t = {simulated[0]:g} s or within the next 0.2 s"
+        message = f"{error}, at t = {simulated:g} s or within the next 0.2 s"
         result = experiment.Result(
             scenario, experiment.CONTROLLER_FAILED, checks, began[0], rrd if rrd.exists() else None, timing, message
         )
     except Interrupted as error:
         if began and close_cut(began[0], "interrupted"):  # it had to be killed
-            raise Interrupted(f"interrupted at t = {simulated[0]:g} s; kept: {began[0]}") from None
+            raise Interrupted(f"interrupted at t = {simulated:g} s; kept: {began[0]}") from None
         raise error
     else:
         measured = experiment.measure(scenario, Recording(result.mcap))

@@ -24,11 +24,11 @@ from cls_bench.errors import BenchError, ControllerError, ExitCode, Interrupted
 MOST_PRINTED = 64_000
 """Letters that the controller may print; the rest is left out."""
 
-TREE_MB = 750
+TREE_MB = 600
 """Memory that the worker and all processes it started may hold together, with 400 MB for the controller [MB]."""
 
 _GRACE_S = 3.0
-_START_S = 120.0  # to import and compile, before the first message
+_START_S = 300.0  # to import and compile
 
 
 class ControllerEndedError(ControllerError):
@@ -92,7 +92,7 @@ class _Worker:
     def wait(self, tell: Callable[..., None]) -> Any:
         """Pass on what comes until there is a result."""
         while True:
-            for key, _ in self._selector.select(0.05):
+            for key, _ in self._selector.select(0.02):
                 data = self._take(key.fd)
                 if data is None:
                     continue
@@ -113,8 +113,9 @@ class _Worker:
                     tell(*value)
                 if kind == "stuck":
                     self._stuck = value, self._heard
-                if kind == "beat":
+                if kind == "ready":
                     self._silence = self._job.limits.seconds + _GRACE_S
+                if kind == "beat":
                     self._stuck = None
             self._look_after()
 
@@ -184,9 +185,12 @@ class _Worker:
             say(traceback)
         if code == ExitCode.INTERRUPTED:
             raise Interrupted(line)
+        said = line.removeprefix("error: ")
         if code == ExitCode.CONTROLLER:
-            raise ControllerError(line.removeprefix("error: "))
-        error = BenchError(line.removeprefix("error: "))
+            raise ControllerError(said)
+        if code == ExitCode.INTERNAL:  # whoever is to blame: a user's code had its hands in this process
+            raise ControllerEndedError(f"the controller's process failed: {said.removeprefix('internal error: ')}")
+        error = BenchError(said)
         error.exit_code = code
         raise error
 

@@ -15,6 +15,7 @@ import struct
 import sys
 import threading
 import time
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -56,9 +57,10 @@ class _Channel:
         self._descriptor = descriptor
         self._lock = threading.Lock()
         os.set_inheritable(descriptor, False)
-        os.register_at_fork(after_in_child=self._close)  # a child of the user's speaks for itself
+        os.register_at_fork(after_in_child=self._fall_silent)
 
     def send(self, kind: str, value: Any = None) -> None:
+        """Send a message, whole."""
         message = pickle.dumps((kind, value))
         with self._lock:
             data = memoryview(LENGTH.pack(len(message)) + message)
@@ -66,11 +68,13 @@ class _Channel:
                 data = data[os.write(self._descriptor, data) :]
 
     def tell(self, *what: Any) -> None:
+        """Pass on what the job tells."""
         self.send("told", what)
 
-    def _close(self) -> None:
+    def _fall_silent(self) -> None:
+        """In a child that the user's code forked: it may do what it likes, but it is not the run."""
         os.close(self._descriptor)
-        self._descriptor = -1
+        self.send = lambda kind, value=None: os._exit(0)  # type: ignore[method-assign]
 
 
 def main(descriptor: int) -> None:
@@ -86,6 +90,7 @@ def main(descriptor: int) -> None:
     failures.Debug.on = job.debug
     threading.excepthook = lambda about: failures.say(f"a thread ended: {one_line(about.exc_value)}")
     sys.unraisablehook = lambda about: failures.say(f"ignored: {one_line(about.exc_value)}")
+    warnings.showwarning = lambda message, *_: failures.say(f"warning: {one_line(str(message))}")
     signal.signal(signal.SIGUSR1, _strike)
     watch = threading.Thread(target=_watch, args=(channel, job.limits.seconds), daemon=True)
     watch.start()
@@ -116,6 +121,9 @@ def _get_ready(channel: _Channel, limits: Limits) -> None:
         limit = used * 1024 + limits.megabytes * 2**20
         _, hard = resource.getrlimit(resource.RLIMIT_DATA)
         resource.setrlimit(resource.RLIMIT_DATA, (min(limit, hard) if hard >= 0 else limit, hard))
+        # What a failed controller still holds must not keep its recording from being finished.
+        controllers.on_failure.append(lambda: resource.setrlimit(resource.RLIMIT_DATA, (hard, hard)))
+    channel.send("ready")
 
 
 _struck = ""
