@@ -8,7 +8,7 @@ import weakref
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import cached_property
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
 
 import mujoco
 import numpy as np
@@ -295,7 +295,7 @@ def _hear(message: str) -> None:
 class _Asking:
     """Asks a user's outer loop from within the compiled loop."""
 
-    alive: "weakref.WeakSet[_Asking]" = weakref.WeakSet()
+    alive: ClassVar["weakref.WeakSet[_Asking]"] = weakref.WeakSet()
     """All there are, for whoever watches that the user's code comes back."""
 
     def __init__(self, controller: OuterLoop | None, memory: Any):

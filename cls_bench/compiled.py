@@ -135,13 +135,17 @@ def _folder() -> Path:
 _CACHE = _folder()
 
 
+_rebuild: Any = compiler.CompileResult._rebuild
+_dumps: Any = dumps
+
+
 class _Unkept:
     """Whether it was said that machine code cannot be kept."""
 
     said = False
 
 
-class _Cache(caching.NullCache):  # type: ignore[misc]
+class _Cache(caching.NullCache):
     """Keeps the machine code of one function, an entry for each of its signatures."""
 
     def __init__(self, function: Callable[..., Any], path: str):
@@ -161,7 +165,7 @@ class _Cache(caching.NullCache):  # type: ignore[misc]
             content = entry.read_bytes()
             if hashlib.sha256(content[32:]).digest() != content[:32]:
                 return None
-            return compiler.CompileResult._rebuild(target_context, *pickle.loads(content[32:]))
+            return _rebuild(target_context, *pickle.loads(content[32:]))
         except Exception:  # whatever is wrong with it, it can be made anew
             return None
 
@@ -172,13 +176,13 @@ class _Cache(caching.NullCache):  # type: ignore[misc]
         try:
             if not _CACHE.is_absolute():
                 raise OSError(None, "there is no home folder")
-            payload = dumps(data._reduce())
+            payload: bytes = _dumps(data._reduce())
             _CACHE.mkdir(parents=True, exist_ok=True)
             with tempfile.NamedTemporaryFile(dir=_CACHE, suffix=".tmp", delete=False) as file:
                 try:
                     file.write(hashlib.sha256(payload).digest() + payload)
                     file.close()
-                    os.replace(file.name, self._entry(sig, data.codegen))
+                    Path(file.name).replace(self._entry(sig, data.codegen))
                 except BaseException:
                     Path(file.name).unlink(missing_ok=True)
                     raise

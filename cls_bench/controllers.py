@@ -181,7 +181,7 @@ class Controller:
             cause = error.__cause__
             missing = cause.name if isinstance(cause, ModuleNotFoundError) else None
             # The module that was asked for is not there: bad input; one that it asks for: its own failure.
-            if missing and missing.endswith(f".{self.place.module}") or missing == self.place.module:
+            if (missing and missing.endswith(f".{self.place.module}")) or missing == self.place.module:
                 raise InputError(f"{self._said}: there is no module {self.place.module}") from None
             raise
 
@@ -197,7 +197,7 @@ def _takes_parameters(made: Any) -> bool:
 
 
 inside: dict[int, tuple[str, float]] = {}
-"""By thread, which part of a user's code runs that is no step, and since when: for whoever watches that it comes back."""
+"""By thread, which part of a user's code runs that is no step, and since when; for whoever watches it."""
 
 
 @contextmanager

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from cls_bench import interrupts
 from cls_bench.analysis import metrics
 from cls_bench.analysis.window import Source, Window
 from cls_bench.bench import Bench, DivergedError, OuterLoop, versions
 from cls_bench.compiled import is_cached
-from cls_bench import interrupts
 from cls_bench.controllers import Controller, Place
 from cls_bench.errors import ControllerError, ExitCode, InputError, Interrupted
 from cls_bench.parameters import Parameters

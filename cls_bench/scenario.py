@@ -638,7 +638,9 @@ def _problem(error: ErrorDetails, model: type[BaseModel]) -> str:
 _SEGMENTS: Mapping[str, type[_Segment]] = {
     "hold": Hold, "ramp": Ramp, "step": Step, "sine": Sine, "chirp": Chirp, "samples": Samples, "release": Release,
 }  # fmt: skip
-_TABLES: Mapping[str, type[_Strict]] = {"controller": Controller, "drive": DriveStart, "squeeze": Squeeze, "changes": Change, "checks": Check}
+_TABLES: Mapping[str, type[_Strict]] = {
+    "controller": Controller, "drive": DriveStart, "squeeze": Squeeze, "changes": Change, "checks": Check,
+}  # fmt: skip
 
 
 class _TomlSchema(GenerateJsonSchema):

@@ -98,7 +98,7 @@ def _run_with_controller(
         checks = experiment.measure(scenario, Recording(began[0]))
         timing = experiment.Timing(simulated, time.perf_counter() - start)
         rrd = began[0].with_suffix(".rrd")
-        message = f"{error}, at t = {simulated:g} s or within the next 0.2 s"
+        message = f"{error}; what it did after t = {simulated:g} s is lost"
         result = experiment.Result(
             scenario, experiment.CONTROLLER_FAILED, checks, began[0], rrd if rrd.exists() else None, timing, message
         )

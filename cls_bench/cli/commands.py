@@ -67,8 +67,8 @@ def _debug(context: click.Context, parameter: click.Parameter, value: bool) -> N
 def _add_debug(command: click.Command, hidden: bool = False) -> None:
     command.params.append(
         click.Option(["--debug"], is_flag=True, is_eager=True, expose_value=False, hidden=hidden, callback=_debug,
-                     help="Show the traceback of an error. Also: CLS_BENCH_DEBUG=1.")  # fmt: skip
-    )
+                     help="Show the traceback of an error. Also: CLS_BENCH_DEBUG=1.")
+    )  # fmt: skip
     for inner in getattr(command, "commands", {}).values():
         _add_debug(inner, hidden=True)
 

@@ -1,5 +1,6 @@
 """What went wrong, in one line, and its exit code. Imports no click: it also reports that click cannot be imported."""
 
+import contextlib
 import os
 import sys
 import traceback
@@ -31,10 +32,8 @@ def report(error: BaseException) -> int:
 
 def say(text: str) -> None:
     """Print to standard error; a message that cannot be told is no failure of its own."""
-    try:
+    with contextlib.suppress(Exception):
         print(text, file=sys.stderr, flush=True)
-    except Exception:
-        pass
 
 
 def traceback_of(error: BaseException) -> str:
@@ -42,7 +41,8 @@ def traceback_of(error: BaseException) -> str:
     try:
         return "".join(traceback.format_exception(error)).rstrip("\n")
     except BaseException:  # the exception's text cannot be made
-        return "".join(["Traceback (most recent call last):\n", *traceback.format_tb(error.__traceback__), one_line(error)])
+        lines = ["Traceback (most recent call last):\n", *traceback.format_tb(error.__traceback__), one_line(error)]
+        return "".join(lines)
 
 
 def told(error: BaseException) -> tuple[int, str]:

@@ -74,7 +74,8 @@ def print_result(result: "Result") -> None:
         table.add_row(Text(r.check.name), number(r.value), r.unit, limits, verdict)
     console.print(table)
     style = "green" if result.status == "passed" else "bold red"
-    line = Text.assemble((result.status.upper().replace("_", " "), style), f" {result.message}" if result.message else "")
+    status = result.status.upper().replace("_", " ")
+    line = Text.assemble((status, style), f" {result.message}" if result.message else "")
     t = result.timing
     line.append(f"  {t.simulated_s:g} s simulated in {t.wall_s:.1f} s: {t.real_time_factor:.1f} times real time")
     console.print(line)

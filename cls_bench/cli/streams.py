@@ -90,7 +90,9 @@ def _plain(error: UnicodeError) -> tuple[str | bytes, int]:
     return _PLAIN.get(letter) or similar or "?", error.start + 1
 
 
-def _show_warning(message: Any, category: Any, filename: str, line: int, file: Any = None, text: Any = None) -> None:
+def _show_warning(
+    message: Any, category: Any, filename: str, lineno: int, file: Any = None, line: Any = None
+) -> None:
     from cls_bench.cli.failures import say
 
     said = str(message) if isinstance(message, UserWarning) else message

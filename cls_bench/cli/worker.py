@@ -148,9 +148,7 @@ def _watch(channel: _Channel, limit: float) -> None:
     while True:
         now = time.monotonic()
         stuck = ""
-        busy: dict[Any, tuple[Any, float]] = {}
-        for thread, (what, start) in list(controllers.inside.items()):
-            busy[thread] = (what, start)
+        busy: dict[Any, tuple[Any, float]] = dict(controllers.inside)
         for asking in _asking():
             if asking.asked != asking.answered:
                 before = since.get(id(asking))
