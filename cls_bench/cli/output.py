@@ -1,6 +1,8 @@
 """What the commands print: tables, results, progress."""
 
+import json
 import math
+import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
@@ -12,6 +14,19 @@ from cls_bench.text import printable
 if TYPE_CHECKING:
     from cls_bench.experiment import Progress, Result
     from cls_bench.scenario import Scenario
+
+
+def print_json(found: Any) -> None:
+    """One JSON object, whole or not at all; in ASCII where the terminal takes no more."""
+    from cls_bench import interrupts
+
+    text = json.dumps(found, indent=2, ensure_ascii=False, allow_nan=False)
+    try:
+        text.encode(getattr(sys.stdout, "encoding", None) or "utf-8")
+    except UnicodeEncodeError:
+        text = json.dumps(found, indent=2, allow_nan=False)
+    with interrupts.held():
+        click.echo(text)
 
 
 def make_console() -> Any:

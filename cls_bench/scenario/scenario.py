@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, Field, PrivateAttr, ValidationError, WithJsonSchema, field_validator, model_validator
 
+from cls_bench.controllers import Place
 from cls_bench.errors import InputError
 from cls_bench.parameters import Parameters, Section
 from cls_bench.resources import shipped_scenarios
@@ -46,6 +47,15 @@ class DriveStart(Strict):
 
     power: Literal["on", "off"] = "on"
     """"off" is safe torque off: no torque at all, the motor turns freely"""
+
+
+class Controller(Strict):
+    """A controller of your own in place of the feel model."""
+
+    source: Line
+    """FILE.py:NAME, relative to the scenario file, or package.module:NAME"""
+    arguments: dict[str, Any] = Field(default_factory=dict, max_length=100)
+    """arguments with which NAME is called"""
 
 
 class Change(Strict):
@@ -123,6 +133,8 @@ class Scenario(Strict):
     """values that differ from the defaults, by dotted key, SI"""
     drive: DriveStart = DriveStart()
     """state of the drive when the run begins"""
+    controller: Controller | None = None
+    """a controller of your own in place of the feel model"""
     hand: list[Annotated[Segment, Field(discriminator="kind")]] = Field(default_factory=list, max_length=10_000)
     """what the hand does, in order of time; before the first segment it does not grip"""
     squeeze: list[Squeeze] = Field(default_factory=list, max_length=10_000)
@@ -167,6 +179,15 @@ class Scenario(Strict):
     def sample_files(self) -> Mapping[str, bytes]:
         """Contents of the sample files, by the name the scenario gives them."""
         return self._sample_files
+
+    @property
+    def controller_place(self) -> Place | None:
+        """Where its controller is to be found; None for the feel model."""
+        if self.controller is None:
+            return None
+        folder = self.path.parent if self.path else Path()
+        key = f"{self.path or self.name}: controller.source:"
+        return Place(self.controller.source, self.controller.arguments, folder, key)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -270,8 +291,8 @@ def parse_scenario(
 
 
 _TABLES: Mapping[str, type[Strict]] = {
-    "drive": DriveStart, "squeeze": Squeeze, "record": Record, "changes": Change, "checks": Check,
-    "expected_trips": ExpectedTrip,
+    "controller": Controller, "drive": DriveStart, "squeeze": Squeeze, "record": Record, "changes": Change,
+    "checks": Check, "expected_trips": ExpectedTrip,
 }  # fmt: skip
 
 

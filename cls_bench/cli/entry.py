@@ -1,0 +1,58 @@
+"""Where a process of the command line begins and ends.
+
+Nothing heavy is imported before the signals are taken over: Ctrl-C is one line even while click is being imported. And
+the process ends here, without the interpreter's own ending, in which threads are waited for and half-written streams
+raise again.
+"""
+
+import atexit
+import os
+import sys
+from typing import Any
+
+from cls_bench import interrupts
+from cls_bench.cli import streams
+from cls_bench.cli.failures import report
+
+
+class Entry:
+    """The command line as an object: called without arguments it carries out ``sys.argv`` and ends the process."""
+
+    @property
+    def group(self) -> Any:
+        """The click group."""
+        from cls_bench.cli.commands import group
+
+        return group
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.group, name)
+
+    def __call__(self, *arguments: Any, **options: Any) -> Any:
+        """Carry out the process's command line; with arguments, what click's own ``main`` does."""
+        if arguments or options:
+            return self.group.main(*arguments, **options)
+        _run(self)
+        return None
+
+
+def _run(entry: Entry) -> None:
+    code: int
+    try:
+        interrupts.install()
+        streams.install()
+        code = entry.group.carry_out()
+    except BaseException as error:
+        code = report(error)
+    try:
+        sys.stdout.flush()
+    except BaseException as error:
+        code = report(error)
+    interrupts.finish(code)
+    try:
+        atexit._run_exitfuncs()
+        sys.stdout.flush()
+        sys.stderr.flush()
+    except BaseException:  # what is left to be done at the end cannot change the outcome
+        pass
+    os._exit(code)
