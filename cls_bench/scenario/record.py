@@ -20,7 +20,7 @@ _FASTEST = round(1.0 / TICK_S)
 class Record(Strict):
     """Record less than all: fewer signals, or fewer samples of them."""
 
-    signals: list[Annotated[str, Field(max_length=80)]] = Field(["*"], min_length=1, max_length=100)
+    signals: list[Annotated[str, Field(max_length=80)]] = Field(default=["*"], min_length=1, max_length=100)
     """signals such as "/column.angle" and patterns such as "/load_cell.*" """
     rate_hz: Annotated[float, Field(ge=1, le=_FASTEST)] = float(_FASTEST)
     """greatest sampling rate [Hz], 20 000 over a whole number; slower signals keep their own"""

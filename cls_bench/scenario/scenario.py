@@ -25,7 +25,6 @@ from cls_bench.signals import TICK_S
 from cls_bench.step_limit import unstable_parameter
 
 
-
 def tick_of(time: float) -> int:
     """Number of the tick that is nearest to ``time`` [s]."""
     return round(time / TICK_S)
@@ -242,7 +241,8 @@ def parse_scenario(
 
 
 _TABLES: Mapping[str, type[Strict]] = {
-    "drive": DriveStart, "squeeze": Squeeze, "record": Record, "changes": Change, "checks": Check, "expected_trips": ExpectedTrip,
+    "drive": DriveStart, "squeeze": Squeeze, "record": Record, "changes": Change, "checks": Check,
+    "expected_trips": ExpectedTrip,
 }  # fmt: skip
 
 
