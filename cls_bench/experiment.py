@@ -194,23 +194,21 @@ def run(
         try:
             for block in bench.run(scenario):
                 recorder.write(block)
+                events += (event for event in block.events if event.level != "info")
                 if memory is not None:
                     memory.keep(block)
-                events += (event for event in block.events if event.level != "info")
                 simulated = bench.time
                 progress.advanced(recorder.written_s, simulated / (time.perf_counter() - start))
         except (DivergedError, ControllerError) as error:
             failure = error
-        ended = ending(scenario, bench.trips, failure)
         recorder.flush()
         flushed = time.perf_counter()
         checks = measure(scenario, memory or Recording(recorder.mcap_path, unfinished=True))
+        ended = ending(scenario, bench.trips, failure)
         verdict = ended.judged(checks)
+        measured = {result.check.name: _finite(result.value) for result in checks}
         measuring = time.perf_counter() - flushed
-        recorder.finish(
-            ended.status if ended.status != PASSED else "complete", verdict.status,
-            {result.check.name: _finite(result.value) for result in checks},
-        )  # fmt: skip
+        recorder.finish(ended.status if ended.status != PASSED else "complete", verdict.status, measured)
         timing = Timing(simulated, time.perf_counter() - start - measuring)
     return Result(
         scenario, verdict.status, checks, recorder.mcap_path, recorder.rrd_path, timing, verdict.message, tuple(events)
@@ -276,6 +274,7 @@ def run_info(scenario: Scenario, bench: Bench) -> RunInfo:
         parameters=bench.parameters.model_dump(),
         metadata={
             "title": scenario.title, "seed": str(scenario.seed), "overrides": "\n".join(scenario.overrides),
+            **({"notes": "\n".join(scenario.notes)} if scenario.notes else {}),
             "units": "SI; radians", "commit": _commit(), **versions(),
         },
         wall_start=dt.datetime.now(dt.UTC).isoformat(timespec="milliseconds"),

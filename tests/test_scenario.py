@@ -338,30 +338,6 @@ def test_bad_overrides(override, message):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        (b"", 'has no column "time"'),
-        (b"t,value\n0,1\n", 'has no column "time" in its first line; found: t, value'),
-        (b"time,push\n0,1\n", 'has no column "value"'),
-        (b"time,value\n", "has no samples"),
-        (b"time,value\n0,1\n0,2\n", "line 3: time 0 s must be greater than 0 s"),
-        (b"time,value\n0,x\n", "line 2: needs a number"),
-        (b"time,value\n0\n", "line 2: needs a number"),
-        (b"time,value\n0,nan\n", "line 2: needs finite numbers"),
-        (b"\xff\xfe\x00", "is not a CSV file"),
-        (None, "cannot be read: No such file"),
-    ],
-)
-def test_bad_sample_files(tmp_path, content, message):
-    if content is not None:
-        (tmp_path / "h.csv").write_bytes(content)
-    text = MINIMAL + 'hand = [{at = 0.0, kind = "samples", file = "h.csv", unit = "N"}]'
-    with pytest.raises(InputError) as caught:
-        parse_scenario(text, path=tmp_path / "s.toml")
-    assert f's.toml: hand[0].file: "h.csv" {message}' in str(caught.value)
-
-
 # --- schema ----------------------------------------------------------------------------------------------------------
 
 

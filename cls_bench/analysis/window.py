@@ -124,7 +124,9 @@ class Window:
         first = self._first + int(np.flatnonzero(~sound)[0])
         missing = np.isnan(values[first - self._first])
         what = "is missing" if missing else "is no number that a bench may have"
-        return np.where(sound, values, np.nan), f"{signal} {what} at {first * PLC_S:g} s, {np.count_nonzero(~sound)} of {self.rows} samples"
+        lost = np.count_nonzero(~sound)
+        flaw = f"{signal} {what} at {first * PLC_S:g} s, {lost} of {self.rows} samples"
+        return np.where(sound, values, np.nan), flaw
 
 
 def holds_all(topics: Sequence[Topic]) -> bool:

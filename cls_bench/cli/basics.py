@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from cls_bench.cli.output import print_result, print_table, print_term, progress_bar
+from cls_bench.cli.output import print_notes, print_result, print_table, print_term, progress_bar
 from cls_bench.errors import InputError
 
 
@@ -46,6 +46,7 @@ def run(
     from cls_bench.scenario import load_scenario
 
     loaded = load_scenario(scenario, seed=seed, set=(*overrides, *_record(signals, rate, poses)))
+    print_notes(loaded)
     with progress_bar(loaded.duration, quiet=as_json) as progress:
         loop = load_controller(controller) if controller else None
         result = experiment.run(loaded, out=out, rerun=rerun or view, controller=loop, progress=progress)
@@ -130,7 +131,9 @@ def validate(scenarios: tuple[str, ...], overrides: tuple[str, ...]) -> None:
     from cls_bench.scenario import load_scenario
 
     for scenario in scenarios:
-        experiment.validate(load_scenario(scenario, set=overrides))
+        loaded = load_scenario(scenario, set=overrides)
+        experiment.validate(loaded)
+        print_notes(loaded)
         click.echo(f"{scenario}: valid")
 
 

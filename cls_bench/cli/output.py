@@ -7,8 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from cls_bench.text import printable
+
 if TYPE_CHECKING:
     from cls_bench.experiment import Progress, Result
+    from cls_bench.scenario import Scenario
 
 
 def make_console() -> Any:
@@ -28,7 +31,7 @@ def print_table(header: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> Non
     for k, title in enumerate(header):
         table.add_column(title, overflow="fold", no_wrap=k == 0)
     for row in rows:
-        table.add_row(*(Text(cell) for cell in row))  # as it is: brackets are units, no markup
+        table.add_row(*(Text(printable(cell)) for cell in row))  # brackets are units, no markup
     make_console().print(table)
 
 
@@ -41,6 +44,12 @@ def print_term(term: str, unit: str, meaning: str) -> None:
 def number(value: float) -> str:
     """Four significant digits."""
     return f"{value:.4g}"
+
+
+def print_notes(scenario: "Scenario") -> None:
+    """On standard error: what was understood of the scenario's sample files."""
+    for note in scenario.notes:
+        click.echo(note, err=True)
 
 
 def print_result(result: "Result") -> None:

@@ -1,8 +1,14 @@
 """report, compare, gallery, render: what recordings show."""
 
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import click
+
+from cls_bench.errors import InputError
+from cls_bench.text import printable
 
 _RECORDING = click.Path(path_type=Path)
 
@@ -13,10 +19,32 @@ _RECORDING = click.Path(path_type=Path)
               help="Folder for the page and its figures.")  # fmt: skip
 def report(recordings: tuple[Path, ...], out: Path) -> None:
     """Write one self-contained HTML page about the recordings (.mcap), with figures also as PNG and SVG."""
-    from cls_bench.report.page import write_report
     from cls_bench.report.recorded_run import open_runs
 
-    click.echo(write_report(open_runs(recordings), out))
+    with doubts_instead_of_warnings():
+        runs = open_runs(recordings)
+        from cls_bench.report.page import write_report
+
+        page = write_report(runs, out)
+        for run in runs:
+            say_doubts(run.path, run.doubts)
+    click.echo(page)
+
+
+@contextmanager
+def doubts_instead_of_warnings() -> Iterator[None]:
+    """For code that calls :func:`say_doubts`: what is wrong with a recording is said once, a line each."""
+    from cls_bench.recording.mcap_reader import RecordingWarning
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RecordingWarning)
+        yield
+
+
+def say_doubts(path: Path, doubts: Sequence[str]) -> None:
+    """Say what is wrong with a recording on standard error."""
+    for doubt in doubts:
+        click.echo(f"warning: {path}: {doubt}", err=True)
 
 
 @click.command()
@@ -30,17 +58,24 @@ def report(recordings: tuple[Path, ...], out: Path) -> None:
               help="Folder for the page.")  # fmt: skip
 def compare(first: Path, second: Path, signals: tuple[str, ...], window: tuple[float, float] | None, out: Path) -> None:
     """Compare two recordings (.mcap): metrics, parameters, and signals laid over each other in a page."""
+    from cls_bench.analysis.window import split_signal
     from cls_bench.cli.output import number, print_table
-    from cls_bench.report import comparison, page
     from cls_bench.report.recorded_run import RecordedRun, Span
 
-    a, b = RecordedRun(first), RecordedRun(second)
-    metrics = [
-        (d.name, d.unit, number(d.first), number(d.second), number(d.change), _percent(d.relative))
-        for d in comparison.differences(a, b)
-    ]
-    changed = [(key, f"{x}", f"{y}", unit) for key, x, y, unit in comparison.parameter_differences(a, b)]
-    pictures = list(comparison.overlays(a, b, signals or comparison.SIGNALS, Span(*window) if window else None))
+    for signal in signals:
+        split_signal(signal)  # raises InputError
+    with doubts_instead_of_warnings():
+        a, b = RecordedRun(first), RecordedRun(second)
+        from cls_bench.report import comparison, page
+
+        metrics = [
+            (d.name, d.unit, number(d.first), number(d.second), number(d.change), _percent(d.relative))
+            for d in comparison.differences(a, b)
+        ]
+        changed = [(key, f"{x}", f"{y}", unit) for key, x, y, unit in comparison.parameter_differences(a, b)]
+        pictures = list(comparison.overlays(a, b, signals or comparison.SIGNALS, Span(*window) if window else None))
+        for run in (a, b):
+            say_doubts(run.path, run.doubts)
     sections = []
     for title, header, rows, none in (
         ("Metrics", ("metric", "unit", "A", "B", "B − A", "change"), metrics, "They measure nothing in common."),
@@ -95,7 +130,7 @@ def gallery(out: Path, recordings: Path | None) -> None:
 @click.option("--video", is_flag=True, help="An MP4 of the whole run instead of a still.")
 @click.option("--from", "start", type=click.FloatRange(0), default=0.0, help="Start of the video [s].")
 @click.option("--to", "end", type=click.FloatRange(0), help="End of the video [s].")
-@click.option("--speed", type=click.FloatRange(0, min_open=True), default=1.0, show_default=True,
+@click.option("--speed", type=click.FloatRange(0.001, 1000), default=1.0, show_default=True,
               help="How many times as fast as the run the video plays.")  # fmt: skip
 @click.option("--camera", default="bench", show_default=True, help="bench, side, pilot or drive.")
 @click.option("--size", nargs=2, type=click.IntRange(16, 7680), default=(1280, 800), show_default=True,
@@ -106,16 +141,31 @@ def render(
     size: tuple[int, int], out: Path | None,
 ) -> None:  # fmt: skip
     """Draw the bench from a recording (.mcap): a still, or a video."""
-    from cls_bench.report import opengl
-
-    opengl.choose()
     from cls_bench.recording import Recording
-    from cls_bench.report import rendering
+    from cls_bench.report import drawn_model, opengl
 
-    opened = Recording(recording)
-    path = out or recording.with_suffix(".mp4" if video else ".png")
-    if video:
-        rendering.save_video(opened, path, start, end or opened.duration, speed=speed, size=size, camera=camera)
-    else:
-        rendering.save_still(opened, opened.duration / 2 if at is None else at, path, size, camera)
+    with doubts_instead_of_warnings():
+        opened = Recording(recording)
+        opened.require_samples()
+        cameras = drawn_model.camera_names(drawn_model.model_xml(opened))
+        if camera not in cameras:
+            valid = printable(", ".join(cameras), 200)
+            raise InputError(f'there is no camera "{camera}"; valid: {valid}')
+        if video:
+            end = opened.duration if end is None else end
+            if not start < end:
+                raise InputError(f"--from {start:g} --to {end:g}: the video must start before it ends")
+            drawn_model.check_time(opened, end)
+        else:
+            at = opened.duration / 2 if at is None else at
+            drawn_model.check_time(opened, at)
+        opengl.choose()  # before MuJoCo is imported
+        from cls_bench.report import rendering
+
+        path = out or recording.with_suffix(".mp4" if video else ".png")
+        if video:
+            rendering.save_video(opened, path, start, end or 0.0, speed=speed, size=size, camera=camera)
+        else:
+            rendering.save_still(opened, at or 0.0, path, size, camera)
+        say_doubts(recording, opened.doubts)
     click.echo(path)

@@ -1,17 +1,23 @@
 """view: recordings in the Rerun viewer."""
 
 import os
+import shlex
 import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 from urllib.parse import quote
 
 import click
 
+from cls_bench.cli.report import doubts_instead_of_warnings, say_doubts
 from cls_bench.errors import InputError, OutputError
+
+if TYPE_CHECKING:
+    from cls_bench.recording import Recording
 
 WEB_PORT = 9090
 
@@ -31,13 +37,11 @@ def view(recordings: tuple[Path, ...], serve: bool, port: int) -> None:
 
 def view_recordings(recordings: Sequence[Path], *, serve: bool = False, port: int = WEB_PORT) -> None:
     """Open the recordings in the Rerun viewer until it is closed; InputError if it cannot start."""
-    for path in recordings:
-        if not path.is_file():
-            raise InputError(f"{path}: no such file")
-    names = " ".join(map(str, recordings))
+    opened = _opened(recordings)
+    again = f"cls-bench view --serve {shlex.join(map(str, recordings))}"
     if not serve and sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        raise InputError(f"there is no display; serve it to a browser: cls-bench view --serve {names}")
-    with _rrd(recordings) as shown:
+        raise InputError(f"there is no display; serve it to a browser: {again}")
+    with _rrd(recordings, opened) as shown:
         command = [str(Path(sys.executable).with_name("rerun")), str(shown)]
         if serve:
             data_port = port + 1
@@ -53,25 +57,59 @@ def view_recordings(recordings: Sequence[Path], *, serve: bool = False, port: in
     if code:
         raise InputError(
             f"the Rerun viewer ended with code {code}; without a graphics driver, serve it to a browser: "
-            f"cls-bench view --serve {names}"
+            f"{again}"
         )
 
 
+RRD_MAGIC = b"RRF"
+
+
+def _opened(paths: Sequence[Path]) -> "list[Recording]":
+    """The recordings to convert: none if one path is shown as it is. InputError for what is no recording with samples.
+
+    Of several, each ``.rrd`` stands for the ``.mcap`` beside it.
+    """
+    from cls_bench.recording import Recording
+
+    if len(paths) == 1 and paths[0].suffix == ".rrd":
+        _check_rrd(paths[0])
+        return []
+    with doubts_instead_of_warnings():
+        opened = [Recording(path.with_suffix(".mcap") if path.suffix == ".rrd" else path) for path in paths]
+        for recording in opened:
+            recording.require_samples()
+    return opened
+
+
+def _check_rrd(path: Path) -> None:
+    if not path.is_file():
+        raise InputError(f"{path}: {'not a regular file' if path.exists() else 'no such file'}")
+    try:
+        with path.open("rb") as file:
+            magic = file.read(len(RRD_MAGIC))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    if magic != RRD_MAGIC:
+        raise InputError(f"{path}: not a file of the Rerun viewer")
+
+
 @contextmanager
-def _rrd(recordings: Sequence[Path]) -> Iterator[Path]:
-    """One .rrd that shows all of ``recordings``: the one there is, or one made for the while."""
-    if len(recordings) == 1:
-        rrd = recordings[0].with_suffix(".rrd")
+def _rrd(paths: Sequence[Path], opened: "Sequence[Recording]") -> Iterator[Path]:
+    """One .rrd that shows all of ``paths``: the one there is, or one made of ``opened`` for the while."""
+    if len(paths) == 1:
+        rrd = paths[0].with_suffix(".rrd")
         if rrd.is_file():
+            _check_rrd(rrd)
             yield rrd
             return
-    from cls_bench.recording import Recording
     from cls_bench.recording.rerun_writer import write_rrd
 
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / f"{recordings[0].stem}.rrd"
+    with tempfile.TemporaryDirectory() as folder, doubts_instead_of_warnings():
+        path = Path(folder) / f"{paths[0].stem}.rrd"
         try:
-            write_rrd([Recording(recording.with_suffix(".mcap")) for recording in recordings], path)
+            write_rrd(opened, path)
         except OSError as error:
             raise OutputError(f"cannot write {path}: {error.strerror}") from None
+        for recording in opened:
+            say_doubts(recording.path, recording.doubts)
         yield path

@@ -215,7 +215,9 @@ class _Run:
             if curves := self._curves(plot):
                 self._log(plot.entity, layout.lines([c[2] for c in curves], [c[3] for c in curves]))
         scenario = info.scenario_toml.decode(errors="replace")
-        self._log(layout.SCENARIO, rr.TextDocument(f"```toml\n{scenario}\n```", media_type="text/markdown"))
+        fence = "`" * max(3, 1 + max((len(run) for run in re.findall("`+", scenario)), default=0))
+        text = f"{fence}toml\n{scenario}\n{fence}"
+        self._log(layout.SCENARIO, rr.TextDocument(text, media_type="text/markdown"))
         self._log(layout.BENCH, rr.ViewCoordinates.RIGHT_HAND_Z_UP)
         for body, kind in sorted({(geom.body, geom.kind) for geom in info.geoms}):
             geoms = [geom for geom in info.geoms if (geom.body, geom.kind) == (body, kind)]
@@ -373,5 +375,7 @@ def _round_up(value: float) -> float:
 
 def _run_properties(info: RunInfo) -> rr.AnyValues:
     """The metadata, under names that Rerun takes for components."""
-    values: Mapping[str, Any] = {re.sub(r"\W", "_", name): text for name, text in info.metadata.items()}
+    values: Mapping[str, Any] = {
+        re.sub(r"\W", "_", name): text for name, text in info.metadata.items() if name != "drop_untyped_nones"
+    }
     return rr.AnyValues(**values)

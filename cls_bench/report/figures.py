@@ -1,6 +1,6 @@
 """The figures of a run: which ones follows from what the scenario measures, so that they show what is judged."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,9 +10,11 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from cls_bench.analysis import free_response, metrics
+from cls_bench.errors import InputError
 from cls_bench.parameters import DEG, Gearbox
 from cls_bench.report.recorded_run import RecordedRun, Span
 from cls_bench.report.style import COLOR, legend, new_figure, new_pair, room_above, thin, thin_path
+from cls_bench.text import printable
 
 Array = NDArray[np.float64]
 
@@ -34,13 +36,33 @@ class Picture:
     """numbers that belong to it, the header first"""
 
 
-def pictures(run: RecordedRun) -> Iterator[Picture]:
-    """The figures of ``run``: those that belong to its checks, then the overview of the whole run."""
+CANNOT_DRAW = (InputError, ValueError, ArithmeticError, IndexError, np.linalg.LinAlgError)
+"""What drawing may raise of samples that are not there or that no bench gives."""
+
+
+def pictures(run: RecordedRun, left_out: list[str] | None = None) -> Iterator[Picture]:
+    """The figures of ``run``: those that belong to its checks, then the overview of the whole run.
+
+    What cannot be drawn, since samples are missing or are none of a bench, is named in ``left_out`` with the reason.
+    """
     for names, signal, draw in _FIGURES:
         spans = run.spans(*names, signal=signal)
         if spans:
-            yield from draw(run, spans)
-    yield overview(run)
+            yield from _drawn(draw, run, spans, [] if left_out is None else left_out)
+    yield from _drawn(lambda run, spans: [overview(run)], run, [], [] if left_out is None else left_out)
+
+
+def _drawn(
+    draw: Callable[[RecordedRun, Sequence[Span]], Iterable[Picture]], run: RecordedRun, spans: Sequence[Span],
+    left_out: list[str],
+) -> list[Picture]:  # fmt: skip
+    try:
+        with np.errstate(all="ignore"):
+            return list(draw(run, spans))
+    except CANNOT_DRAW as error:
+        what = draw.__name__.strip("<>").replace("lambda", "the whole run")
+        left_out.append(f"{what}: {printable(str(error), 300)}")
+        return []
 
 
 # --- torque over displacement ----------------------------------------------------------------------------------------

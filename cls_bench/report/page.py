@@ -4,6 +4,7 @@ import datetime as dt
 import math
 import shlex
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import version
@@ -11,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import jinja2
+import numpy as np
 from markupsafe import Markup
 
 from cls_bench.analysis import energy
@@ -18,9 +20,11 @@ from cls_bench.claims import cannot_write, claimed_page, page_mark, write_text
 from cls_bench.errors import InputError
 from cls_bench.experiment import CheckResult
 from cls_bench.report import style
-from cls_bench.report.figures import Picture, pictures
+from cls_bench.report.figures import CANNOT_DRAW, Picture, pictures
 from cls_bench.report.recorded_run import RecordedRun
 from cls_bench.resources import shipped_scenarios
+from cls_bench.signals import TOPIC
+from cls_bench.text import printable
 
 Rows = Sequence[Sequence[str]]
 
@@ -83,10 +87,13 @@ def write_comparison(
 ) -> Path:
     """Write a page that lays two runs over each other; returns its path. Raises OutputError."""
     owner = _owner((first, second))
+    named = (("A", first), ("B", second))
     runs = [("", "recording", "scenario", "verdict")]
-    runs += [(name, run.path.name, run.scenario.title, run.verdict) for name, run in (("A", first), ("B", second))]
+    runs += [(name, run.path.name, run.scenario.title, run.verdict) for name, run in named]
+    doubts = [f"{name}: {doubt}" for name, run in named for doubt in run.doubts]
     shown = [Shown(p.title, p.caption, _inline(p, style.svg(p.figure, p.name)), p.table, ()) for p in pictures]
-    text = _render("compare.html", title="Two runs compared", runs=runs, sections=sections, pictures=shown)
+    title = "Two runs compared"
+    text = _render("compare.html", title=title, runs=runs, doubts=doubts, sections=sections, pictures=shown)
     try:
         with claimed_page(folder, f"{first.path.stem}--{second.path.stem}", owner) as page:
             _write(page, owner, text)
@@ -126,17 +133,23 @@ def _run(run: RecordedRun, page: Path, number: int) -> dict[str, Any]:
     """All that ``page`` says of a run; its figures are written beside the page, with ``number`` unless it is 0."""
     figures = page.with_name(f"{page.stem}_figures")
     figures.mkdir(exist_ok=True)
-    shown = []
-    for picture in pictures(run):
-        document = style.svg(picture.figure, f"{picture.name}_{number}")
-        paths = style.save(picture.figure, figures / (f"{picture.name}_{number}" if number else picture.name), document)
+    shown: list[Shown] = []
+    left_out: list[str] = []
+    suffix = f"_{number}" if number else ""
+    for picture in pictures(run, left_out):
+        try:
+            document = style.svg(picture.figure, f"{picture.name}_{number}")
+            paths = style.save(picture.figure, figures / f"{picture.name}{suffix}", document)
+        except CANNOT_DRAW as error:
+            left_out.append(f"{picture.title}: {printable(str(error), 300)}")
+            continue
         files = [(path.suffix[1:].upper(), f"{figures.name}/{path.name}") for path in paths]
         shown.append(Shown(picture.title, picture.caption, _inline(picture, document), picture.table, files))
-    recording, scenario = run.recording, run.scenario
+    scenario = run.scenario
     return {
         "anchor": f"run{number}", "title": scenario.title, "verdict": run.verdict,
         "description": " ".join(scenario.description.split()), "facts": _facts(run),
-        "warning": f"The file was cut short: it ends at {run.duration:g} s." if recording.truncated else "",
+        "doubts": run.doubts, "left_out": left_out,
         "checks": [_check(result) for result in run.checks], "pictures": shown, "sections": list(_sections(run)),
         "command": _command(run), "scenario": scenario.source.decode(),
     }  # fmt: skip
@@ -151,7 +164,8 @@ def _facts(run: RecordedRun) -> str:
     facts = [f"{run.duration:g} s of {run.scenario.duration:g} s"]
     start = run.recording.wall_start
     if start:
-        facts.append(f"recorded {dt.datetime.fromisoformat(start):%-d %B %Y, %H:%M} UTC")
+        with suppress(ValueError):
+            facts.append(f"recorded {dt.datetime.fromisoformat(start):%-d %B %Y, %H:%M} UTC")
     facts += [f"seed {run.scenario.seed}", run.path.name]
     return " · ".join(facts)
 
@@ -166,11 +180,13 @@ def _check(result: CheckResult) -> dict[str, str]:
     limits = " and ".join(f"{sign} {number(x)}" for sign, x in (("≥", check.min), ("≤", check.max)) if x is not None)
     metric = check.metric + (f" of {check.signal}" if check.signal else "")
     arguments = ", ".join(f"{name} = {value:g}" for name, value in check.arguments.items())
+    verdict = "passed" if result.passed else "not measured" if math.isnan(result.value) else "failed"
+    verdict = verdict if result.judged else ""
     return {
         "name": check.name, "metric": metric + (f" ({arguments})" if arguments else ""), "value": number(result.value),
         "unit": "" if result.unit == "1" else result.unit, "limits": limits,
         "window": f"{check.window[0]:g} to {check.window[1]:g}",
-        "verdict": "" if not result.judged else "passed" if result.passed else "failed",
+        "verdict": verdict, "note": result.note,
     }  # fmt: skip
 
 
@@ -183,10 +199,19 @@ def _sections(run: RecordedRun) -> list[Section]:
 def _energy(run: RecordedRun) -> Section:
     """Where the energy went."""
     title = "Energy"
+    topics, losses = run.recording.topics, run.recording.losses
+    for path in energy.TOPICS:
+        if path not in topics or (topics[path].ticks, topics[path].names) != (TOPIC[path].ticks, TOPIC[path].names):
+            return Section(title, f"Not audited: {path} was not recorded as it was simulated.")
+    if losses:
+        return Section(title, f"Not audited: samples from {losses[0].start:g} to {losses[0].end:g} s are lost.")
     try:
-        audit = energy.audit(run.recording.blocks(), run.scenario.parameters_at_start())
+        with np.errstate(all="ignore"):
+            audit = energy.audit(run.recording.blocks(), run.scenario.parameters_at_start())
     except InputError as error:
         return Section(title, f"{error}.")
+    if not math.isfinite(audit.residual):
+        return Section(title, "Not audited: some samples are no numbers.")
     entries = [
         *((f"work of the {name}", value) for name, value in audit.work.items()),
         *((f"lost: {name}", value) for name, value in audit.losses.items()),
@@ -222,7 +247,7 @@ def _changes(run: RecordedRun) -> Section | None:
 
 
 def _events(run: RecordedRun) -> Section | None:
-    rows = [(f"{event.time:.4f}", event.level, event.source, event.message) for event in run.recording.events()]
+    rows = [(f"{event.time:.4f}", event.level, event.source, event.message) for event in run.events]
     return Section("Events", "", (("time [s]", "level", "source", "what"), *rows)) if rows else None
 
 
@@ -230,24 +255,29 @@ def _timing(run: RecordedRun) -> Section:
     recording = run.recording
     topics = [(t.path, f"{t.rate:g}", str(len(t.signals)), t.meaning) for t in recording.topics.values()]
     text = ""
-    if recording.wall_start and recording.wall_end:
-        start, end = (dt.datetime.fromisoformat(clock) for clock in (recording.wall_start, recording.wall_end))
-        wall = (end - start).total_seconds()
-        text = f"{run.duration:g} s were simulated and recorded in {wall:.1f} s"
-        text += (
-            f", {run.duration / wall:.1f} times as fast as real time (compilation, if any, included)."
-            if wall > 0
-            else "."
+    wall = _seconds_between(recording.wall_start, recording.wall_end)
+    if wall > 0:
+        text = (
+            f"{run.duration:g} s were simulated and recorded in {wall:.1f} s, {run.duration / wall:.1f} times as fast "
+            "as real time (compilation, if any, included)."
         )
     return Section("Timing", text, (("topic", "samples per second", "signals", "meaning"), *topics))
+
+
+def _seconds_between(start: str, end: str) -> float:
+    """Time between two clocks, ISO 8601 [s]; 0 if one of them is none."""
+    try:
+        return (dt.datetime.fromisoformat(end) - dt.datetime.fromisoformat(start)).total_seconds()
+    except (ValueError, TypeError, OverflowError):
+        return 0.0
 
 
 def _command(run: RecordedRun) -> str:
     """The commands that make the same recording again, and what they depend on."""
     known = run.name in shipped_scenarios()
-    scenario = run.name if known else f"{run.name}.toml  # the text below"
-    overrides = [f"--set {shlex.quote(entry)}" for entry in run.scenario.overrides]
-    about = run.recording.metadata
+    scenario = shlex.quote(run.name) if known else f"{shlex.quote(f'{run.name}.toml')}  # the text below"
+    overrides = [f"--set {shlex.quote(printable(entry, 1000))}" for entry in run.scenario.overrides]
+    about = {name: printable(text, 100) for name, text in run.recording.metadata.items()}
     packages = ", ".join(
         f"{name} {about[name]}" for name in ("cls-bench", "mujoco", "numba", "numpy", "python") if name in about
     )

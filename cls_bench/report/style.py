@@ -120,20 +120,27 @@ def room_above(ax: Axes, share: float) -> None:
 
 
 def thin(x: Array, y: Array) -> tuple[Array, Array]:
-    """A curve over time by the least and the greatest of each of :data:`PIXELS` stretches: peaks are kept."""
+    """A curve over time by the least and the greatest of each of :data:`PIXELS` stretches: peaks are kept.
+
+    NaN is a gap, and so is a stretch of nothing else.
+    """
     size = len(x) // PIXELS
     if size < 3:
         return x, y
     rows = len(x) // size
     parts = y[: rows * size].reshape(rows, size)
     first = np.arange(rows) * size
-    picks = np.sort(np.stack([first + parts.argmin(axis=1), first + parts.argmax(axis=1)], axis=1), axis=1).ravel()
-    picks = np.unique(np.concatenate([[0], picks, [len(x) - 1]]))
+    gaps = np.isnan(parts)
+    extremes = [np.where(gaps, np.inf, parts).argmin(axis=1), np.where(gaps, -np.inf, parts).argmax(axis=1)]
+    extremes += [gaps.argmax(axis=1)] if gaps.any() else []
+    picks = np.unique(np.concatenate([[0], (first + np.stack(extremes)).ravel(), [len(x) - 1]]))
     return x[picks], y[picks]
 
 
 def thin_path(x: Array, y: Array) -> tuple[Array, Array]:
-    """A curve in the plane: of the points in a column of pixels the first, least, greatest and last."""
+    """A curve in the plane: of the points in a column of pixels the first, least, greatest and last; no NaN."""
+    there = np.isfinite(x) & np.isfinite(y)
+    x, y = (x, y) if there.all() else (x[there], y[there])
     if len(x) <= PIXELS:
         return x, y
     span = float(np.ptp(x)) or 1.0
