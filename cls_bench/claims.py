@@ -4,7 +4,6 @@ Any number of processes and threads may write into one folder at once: what one 
 nobody sees a file that is half written.
 """
 
-import errno
 import fcntl
 import hashlib
 import itertools
@@ -132,16 +131,16 @@ def claimed_folder(folder: Path, began: float, *, resume: bool = False) -> Itera
             made = _made(candidate)
             if not made and not resume and (candidate != folder or candidate.stat().st_mtime > began):
                 continue
-            lock = _locked(candidate)
+            held = _locked(candidate)
         except OSError as error:
             raise cannot_write(candidate, error) from None
-        if lock is None and resume:
+        if held is None and resume:
             raise OutputError(f"{folder} is being written by another cls-bench; wait for it, or choose another --out")
-        if lock is not None:
+        if held is not None:
             try:
                 yield candidate
             finally:
-                os.close(lock)
+                os.close(held)
             return
 
 
@@ -161,13 +160,25 @@ def _locked(folder: Path) -> int | None:
     """A descriptor that holds the lock of ``folder`` until it is closed or the process ends; None if another does."""
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError as error:
+        if lock(descriptor):
+            return descriptor
+    except BaseException:
         os.close(descriptor)
-        if error.errno in (errno.EWOULDBLOCK, errno.EAGAIN):
-            return None
         raise
-    return descriptor
+    os.close(descriptor)
+    return None
+
+
+def lock(descriptor: int) -> bool:
+    """Lock an open file until it is closed or the process ends; False if another process or thread holds it.
+
+    Raises OSError.
+    """
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
 
 
 @contextmanager

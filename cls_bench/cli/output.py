@@ -5,6 +5,7 @@ import math
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -120,6 +121,20 @@ def _print_events(result: "Result") -> None:
         f"{levels.count('warning')} warnings, {levels.count('error')} errors"
         + (f"; {left} more in the recording" if left > 0 else "")
     )
+
+
+def results_folder(folder: Path, began: float, *, resume: bool = False) -> Path:
+    """``folder``, or another where one is in use, for the results of the running command alone; says so.
+
+    ``began`` is the wall-clock time [s] at which the command started. Raises OutputError.
+    """
+    from cls_bench.claims import claimed_folder, file_name
+
+    wanted = folder.with_name(file_name(folder.name)) if folder.name else folder
+    claimed = click.get_current_context().with_resource(claimed_folder(wanted, began, resume=resume))
+    if claimed != wanted:
+        click.echo(f"{wanted} is in use by another cls-bench; the results go to {claimed}", err=True)
+    return claimed
 
 
 @contextmanager

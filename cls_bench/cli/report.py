@@ -106,9 +106,11 @@ def _percent(part: float) -> str:
 def gallery(out: Path, recordings: Path | None) -> None:
     """Run all shipped scenarios and build a page of them, with a report of each."""
     import tempfile
+    import time
 
+    began = time.time()
     from cls_bench import experiment
-    from cls_bench.cli.output import progress_bar
+    from cls_bench.cli.output import progress_bar, results_folder
     from cls_bench.report.page import write_gallery
     from cls_bench.report.recorded_run import RecordedRun
     from cls_bench.resources import shipped_scenarios
@@ -122,7 +124,7 @@ def gallery(out: Path, recordings: Path | None) -> None:
                 result = experiment.run(scenario, out=recordings or Path(folder), rerun=False, progress=progress)
             click.echo(f"{name}: {result.status}")
             runs.append(RecordedRun(result.mcap))
-        click.echo(write_gallery(runs, out))
+        click.echo(write_gallery(runs, results_folder(out, began)))
 
 
 @click.command()

@@ -36,7 +36,6 @@ SOON = 0.001
 LONGEST_LINE = 1000
 """Characters of a message."""
 
-
 def tick_of(time: float) -> int:
     """Number of the tick that is nearest to ``time`` [s]."""
     return round(time / TICK_S)

@@ -8,7 +8,6 @@ import sys
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict
-from pathlib import Path
 
 from tests.attacks import workers
 from tests.attacks.trials import PROJECT, Outcome

@@ -9,8 +9,21 @@ from typing import NamedTuple
 
 from tests.attacks import reference
 from tests.attacks.trials import (
-    CONTROLLER, DIVERGED, FAILED, INTERNAL, INTERRUPTED, PASSED, REFUSED, TRIPPED,
-    Attack, Lost, Process, Trial, as_json, command_line, judge,
+    CONTROLLER,
+    DIVERGED,
+    FAILED,
+    INTERNAL,
+    INTERRUPTED,
+    PASSED,
+    REFUSED,
+    TRIPPED,
+    Attack,
+    Lost,
+    Process,
+    Trial,
+    as_json,
+    command_line,
+    judge,
 )  # fmt: skip
 
 TIME_LIMIT = 60.0

@@ -9,7 +9,19 @@ from pathlib import Path
 from typing import Any
 
 from tests.attacks import reference
-from tests.attacks.trials import PASSED, REFUSED, Attack, Ended, Lost, Process, Trial, as_json, call, command_line, judge
+from tests.attacks.trials import (
+    PASSED,
+    REFUSED,
+    Attack,
+    Ended,
+    Lost,
+    Process,
+    Trial,
+    as_json,
+    call,
+    command_line,
+    judge,
+)
 
 AT_ONCE = 10
 INERTIAS = tuple(round(0.30 + 0.01 * k, 2) for k in range(AT_ONCE))

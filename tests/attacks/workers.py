@@ -15,7 +15,18 @@ from typing import Any
 
 import numpy as np
 
-from tests.attacks.trials import MOST_MB, Attack, Lost, Outcome, Process, Trial, Untried, forget_peak, memory_mb, own_folder
+from tests.attacks.trials import (
+    MOST_MB,
+    Attack,
+    Lost,
+    Outcome,
+    Process,
+    Trial,
+    Untried,
+    forget_peak,
+    memory_mb,
+    own_folder,
+)
 
 RECYCLE_MB = 700.0
 """A worker that has become larger than this is replaced before its next trial: its libraries keep memory."""
