@@ -18,7 +18,7 @@ from cls_bench.control import plc, servo, tuning
 from cls_bench.errors import BenchError, ControllerError, InputError
 from cls_bench.geometry import Geom
 from cls_bench.kinematics import fit_polynomials
-from cls_bench.parameters import DEG, Parameters, leaves, record_of
+from cls_bench.parameters import Parameters, leaves, record_of
 from cls_bench.pilot import HandTimeline
 from cls_bench.plant import model as plant_model
 from cls_bench.plant import sensors, state
@@ -29,9 +29,6 @@ from cls_bench.step_limit import check_step
 
 BLOCK_TICKS = 500 * PLC_TICKS
 """Longest block: 0.2 s. A killed run loses at most this much."""
-
-POLYNOMIAL_MARGIN = 3.0 * DEG
-"""How far beyond the limit switches the PLC's polynomials are fitted [rad]."""
 
 
 class Inputs(NamedTuple):
@@ -163,9 +160,9 @@ class Bench:
         self.parameters = parameters
         self._record = record_of(parameters)
         plant_model.set_limb_mass(self.model, parameters.limb.mass)
-        travel = parameters.column.switch_angle + POLYNOMIAL_MARGIN
+        reach = parameters.kinematic_range
         try:
-            polynomials = fit_polynomials(parameters.linkage.four_bar, travel, parameters.plc.polynomial_degree)
+            polynomials = fit_polynomials(parameters.linkage.four_bar, reach, parameters.plc.polynomial_degree)
         except ValueError as error:
             raise InputError(f"parameters.linkage: {error}") from None
         self._constants = tick.Constants(
