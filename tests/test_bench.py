@@ -15,7 +15,7 @@ from cls_bench import bench as bench_module
 from cls_bench.bench import Bench, Command, DivergedError, OuterLoop
 from cls_bench.control import feel
 from cls_bench.errors import ControllerError, InputError
-from cls_bench.parameters import Column, Linkage, Parameters, record_of
+from cls_bench.parameters import Column, Parameters, record_of
 from cls_bench.scenario import Scenario, parse_scenario
 from cls_bench.signals import POSE_TICKS, TOPICS
 from tests.running import run
@@ -114,8 +114,8 @@ def test_the_model_travels_complete():
 
 
 def test_a_linkage_that_cannot_be_closed_is_refused():
-    with pytest.raises(InputError, match=r"^parameters\.linkage: the linkage cannot be closed over ±24°$"):
-        Bench(Parameters(linkage=Linkage(crank=0.01)))
+    with pytest.raises(InputError, match=r"^scenario with --set: parameters: .*the linkage cannot be closed over ±24°$"):
+        parse_scenario('title = "t"\nduration = 1.0', set=["linkage.crank=0.01"])
 
 
 # --- changes ---------------------------------------------------------------------------------------------------------
