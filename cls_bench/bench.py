@@ -21,7 +21,7 @@ from cls_bench.controllers import failure_of
 from cls_bench.errors import BenchError, ControllerError, ExitCode, InputError, one_line
 from cls_bench.geometry import Geom
 from cls_bench.kinematics import fit_polynomials
-from cls_bench.parameters import DEG, Parameters, leaves, memory_of
+from cls_bench.parameters import Parameters, leaves, memory_of
 from cls_bench.pilot import HandTimeline
 from cls_bench.plant import model as plant_model
 from cls_bench.plant import sensors, state
@@ -34,9 +34,6 @@ from cls_bench.trace import buffers, tables
 
 BLOCK_TICKS = 500 * PLC_TICKS
 """Longest block: 0.2 s. A killed run loses at most this much."""
-
-POLYNOMIAL_MARGIN = 3.0 * DEG
-"""How far beyond the limit switches the PLC's polynomials are fitted [rad]."""
 
 
 class Inputs(NamedTuple):
@@ -173,9 +170,9 @@ class Bench:
         self._record = memory.view(np.recarray)[0]
         self._watched = tick.Watched(self._numbers, validity.numbers(memory))
         plant_model.set_limb_mass(self.model, parameters.limb.mass)
-        travel = parameters.column.switch_angle + POLYNOMIAL_MARGIN
+        reach = parameters.kinematic_range
         try:
-            polynomials = fit_polynomials(parameters.linkage.four_bar, travel, parameters.plc.polynomial_degree)
+            polynomials = fit_polynomials(parameters.linkage.four_bar, reach, parameters.plc.polynomial_degree)
         except ValueError as error:
             raise InputError(f"parameters.linkage: {error}") from None
         self._constants = tick.Constants(
