@@ -18,7 +18,6 @@ import hashlib
 import importlib.util
 import os
 import pickle
-import platform
 import sys
 import tempfile
 import warnings
@@ -123,7 +122,7 @@ def _key() -> str:
     packages = [f"{name} {version(name)}" for name in ("numba", "llvmlite", "mujoco", "numpy")]
     apart = ("NUMBA_CACHE_DIR", "NUMBA_DISABLE_JIT", "NUMBA_NUM_THREADS")
     settings = sorted(f"{k}={v}" for k, v in os.environ.items() if k.startswith("NUMBA_") and k not in apart)
-    python = sys.implementation.cache_tag, sys.version, platform.platform()
+    python = sys.implementation.cache_tag, sys.version, sys.platform
     return hashlib.sha256(repr((source_hash(), packages, settings, python)).encode()).hexdigest()[:16]
 
 

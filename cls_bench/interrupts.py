@@ -7,13 +7,12 @@ open: the signal is only noted, and :func:`check` raises it where nothing can be
 code stands. A signal that was ignored when the process began (nohup) stays ignored.
 """
 
-import dis
 import os
 import signal
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from types import FrameType
 
 from cls_bench.errors import ExitCode, Interrupted
@@ -84,6 +83,8 @@ def is_ctrl_c(error: BaseException) -> bool:
         return False
     if _State.installed:
         return pending()
+    import dis
+
     trace = error.__traceback__
     while trace is not None and trace.tb_next is not None:
         trace = trace.tb_next
@@ -118,10 +119,13 @@ def _unsafe(frame: FrameType | None) -> bool:
 
 
 def _end() -> None:
-    """Say so and end, past whatever is under way."""
-    try:
+    """Say so and end, past whatever is under way; processes that were started end too."""
+    with suppress(OSError):
+        for task in os.listdir("/proc/self/task"):  # noqa: PTH208  (in a hurry)
+            children = os.open(f"/proc/self/task/{task}/children", os.O_RDONLY)
+            for child in os.read(children, 65536).split():
+                os.kill(int(child), signal.SIGKILL)
+    with suppress(OSError):
         shown = b"\r\x1b[K\x1b[?25h" if os.isatty(2) else b""  # the progress bar hides the cursor
         os.write(2, shown + b"interrupted\n")
-    except OSError:
-        pass
     os._exit(ExitCode.INTERRUPTED)

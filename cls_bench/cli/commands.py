@@ -15,7 +15,17 @@ from cls_bench.cli.view import view
 from cls_bench.errors import ExitCode
 
 
+class _InterruptedError(Exception):
+    """Carries a KeyboardInterrupt past click, which has its own word for it."""
+
+
 class _Group(click.Group):
+    def invoke(self, ctx: click.Context) -> Any:
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt as error:
+            raise _InterruptedError from error
+
     def carry_out(self, args: Sequence[str] | None = None, **options: Any) -> int:
         """Carry out a command line, the process's by default; returns the exit code. Raises nothing."""
         Debug.reset()
@@ -26,8 +36,8 @@ class _Group(click.Group):
         except click.exceptions.NoArgsIsHelpError as error:
             error.show()
             return ExitCode.REFUSED
-        except click.Abort:
-            return report_failure(KeyboardInterrupt())
+        except (click.Abort, _InterruptedError) as error:
+            return report_failure(error.__cause__ or KeyboardInterrupt())
         except BaseException as error:
             return report_failure(error)
         return int(code or 0)

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from cls_bench.cli.options import TIME, FiniteRange
-from cls_bench.errors import InputError
+from cls_bench.errors import InputError, Interrupted
 from cls_bench.text import printable
 
 _RECORDING = click.Path(path_type=Path)
@@ -83,6 +83,8 @@ def compare(first: Path, second: Path, signals: tuple[str, ...], window: tuple[f
     for title, header, rows, none in (
         ("Metrics", ("metric", "unit", "A", "B", "B − A", "change"), metrics, "They measure nothing in common."),
         ("Parameters that differ", ("parameter", "A", "B", "unit"), changed, "All parameters are the same."),
+        ("Controllers that differ", ("controller", "A", "B"), comparison.controller_differences(a, b),
+         "The same controller ran."),
     ):
         sections.append(page.Section(title, "" if rows else none, (header, *rows) if rows else ()))
         if rows:
@@ -121,7 +123,12 @@ def gallery(out: Path, recordings: Path | None) -> None:
         for name in shipped_scenarios():
             scenario = load_scenario(name)
             with progress_bar(scenario.duration, quiet=False) as progress:
-                result = experiment.run(scenario, out=recordings or Path(folder), rerun=False, progress=progress)
+                try:
+                    result = experiment.run(scenario, out=recordings or Path(folder), rerun=False, progress=progress)
+                except Interrupted:
+                    if recordings is not None:
+                        raise
+                    raise Interrupted("interrupted; nothing is kept without --recordings") from None
             click.echo(f"{name}: {result.status}")
             runs.append(RecordedRun(result.mcap))
         click.echo(write_gallery(runs, results_folder(out, began)))
