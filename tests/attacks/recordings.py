@@ -16,7 +16,7 @@ from tests.attacks.mcap_mutations import MARK, mutate
 from tests.attacks.trials import PASSED, REFUSED, Attack, LostError, Trial, as_json, call, judge, judge_output
 
 SECONDS = 0.5
-TIME_LIMIT = 30.0
+TIME_LIMIT = 120.0
 
 SCENARIO = f"""
 title = "Attacked"

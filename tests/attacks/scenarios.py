@@ -104,7 +104,7 @@ def _parameter(text: str, rng: Rng) -> str:
     """A parameter with a value that may or may not be one."""
     from cls_bench.parameters import Parameters, leaves
 
-    known = leaves(Parameters())
+    known = list(leaves(Parameters()))
     key, value, _ = known[int(rng.integers(len(known)))]
     number = isinstance(value, float)
     new = (
@@ -241,6 +241,10 @@ def extremes() -> tuple[tuple[str, bytes], ...]:
 
 
 def prepare(stage: Path) -> None:
+    from cls_bench.bench import Bench
+    from cls_bench.parameters import Parameters
+
+    Bench(Parameters()).compile()  # once, outside of the trials
     (stage / "hand.csv").write_text("time,value\n0,0\n0.5,2\n1,0\n")
 
 
