@@ -35,8 +35,8 @@ def main() -> int:
     outcomes = []
     for kind in chosen.kinds or ATTACKS:
         attack = ATTACKS[kind]
-        count = chosen.count or (attack.quick if chosen.quick else attack.whole)
-        outcomes += run(kind, chosen.only or range(count), chosen.seed, chosen.jobs, chosen.json)
+        numbers = chosen.only or (attack.quick if chosen.quick else range(chosen.count or attack.whole))
+        outcomes += run(kind, numbers, chosen.seed, chosen.jobs, chosen.json)
     rows = table(outcomes)
     if not chosen.json:
         print_table(rows)
@@ -107,7 +107,9 @@ def show_lost(outcomes: Sequence[Outcome], seed: int) -> None:
     groups: dict[tuple[str, str], list[Outcome]] = {}
     for outcome in outcomes:
         if outcome.state == "lost":
-            groups.setdefault((outcome.attack, re.sub(r"\d+|'[^']*'|\"[^\"]*\"|/\S+", "…", outcome.what)[:120]), []).append(outcome)
+            groups.setdefault(
+                (outcome.attack, re.sub(r"\d+|'[^']*'|\"[^\"]*\"|/\S+", "…", outcome.what)[:120]), []
+            ).append(outcome)
     for (attack, _), found in sorted(groups.items(), key=lambda item: -len(item[1])):
         numbers = " ".join(str(outcome.number) for outcome in found[:5])
         print(f"\n{len(found)} × {found[0].what}\n    python -m tests.attacks {attack} --seed {seed} --only {numbers}")

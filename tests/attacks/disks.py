@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from tests.attacks import kills, reference
-from tests.attacks.trials import PASSED, REFUSED, Attack, Ended, Lost, Trial, Untried, call, judge
+from tests.attacks.trials import PASSED, REFUSED, Attack, Ended, LostError, Trial, UntriedError, call, judge
 
 TIME_LIMIT = 90.0
 
@@ -25,7 +25,7 @@ class Kind(NamedTuple):
     before: str = ""
     """shell commands before it, in the folder of the disk"""
     codes: Collection[int] = (REFUSED,)
-    environment: dict[str, str] = {}
+    environment: tuple[tuple[str, str], ...] = ()
 
 
 def _run(stage: Path, disk: Path) -> Sequence[str | Path]:
@@ -52,13 +52,13 @@ KINDS = (
          lambda stage, disk: ("compare", stage / "alone.mcap", stage / "alone.mcap", "--out", disk), "size=20k"),
     Kind("a sweep that has no room", lambda stage, disk: ("sweep", stage / "sweep.toml", "--out", disk), "size=4k"),
     Kind("a view without room for its temporary files", lambda stage, disk: ("view", "--serve", stage / "only.mcap"),
-         "size=1m", environment={"TMPDIR": "DISK"}),
+         "size=1m", environment=(("TMPDIR", "DISK"),)),
     Kind("a run without room for temporary files", _run_mcap, "size=40m",
          "mkdir tmp; mount -t tmpfs -o size=4k tmpfs tmp; head -c 9k /dev/zero > tmp/rest 2> /dev/null",
-         (PASSED,), {"TMPDIR": "DISK/tmp"}),
+         (PASSED,), (("TMPDIR", "DISK/tmp"),)),
     Kind("a run without room for machine code", _run_mcap, "size=40m",
          "mkdir cache; mount -t tmpfs -o size=4k tmpfs cache; head -c 9k /dev/zero > cache/rest 2> /dev/null",
-         (PASSED,), {"XDG_CACHE_HOME": "DISK/cache", "NUMBA_CACHE_DIR": ""}),
+         (PASSED,), (("XDG_CACHE_HOME", "DISK/cache"), ("NUMBA_CACHE_DIR", ""))),
 )  # fmt: skip
 
 
@@ -84,7 +84,7 @@ def _tmpfs(trial: Trial, kind: Kind) -> str:
         f"cp -r {disk} {kept}", "exit $code",
     ])  # fmt: skip
     wrapper = (*_own_mounts(), "sh", "-c", script, "sh")
-    environment = {name: value.replace("DISK", str(disk)) for name, value in kind.environment.items()}
+    environment = {name: value.replace("DISK", str(disk)) for name, value in kind.environment}
     ended = call(*kind.arguments(trial.stage, disk), wrapper=wrapper, environment=environment, timeout=TIME_LIMIT)
     return _judged(trial, kind.what, ended, kind.codes, kept / "out")
 
@@ -99,7 +99,7 @@ def _own_mounts() -> list[str]:
                 return command
         except OSError:
             break
-    raise Untried("no file system may be mounted here")
+    raise UntriedError("no file system may be mounted here")
 
 
 def _limited(trial: Trial) -> str:
@@ -118,7 +118,7 @@ def _limited(trial: Trial) -> str:
 def _full_output(trial: Trial, name: str) -> str:
     """Standard output into a full device."""
     if not Path("/dev/full").exists():
-        raise Untried("no /dev/full")
+        raise UntriedError("no /dev/full")
     arguments = {
         "list": ["list", "--parameters"], "schema": ["schema"],
         "run": ["run", trial.stage / "attacked.toml", "--out", trial.folder / "out", "--json"],
@@ -140,17 +140,17 @@ def _judged(trial: Trial, what: str, ended: Ended, codes: Collection[int], out: 
                 saved = reference.compare(trial.stage, path)
             except InputError as error:
                 if path.stat().st_size >= 100_000:
-                    raise Lost(f"what was written cannot be read: {error}") from None
+                    raise LostError(f"what was written cannot be read: {error}") from None
                 saved = 0.0
             what += f", {saved:.2f} s kept"
             rrd = path.with_suffix(".rrd")
             if rrd.exists() and rrd.stat().st_size > 200_000:
                 what += f" ({reference.compare_rrd(trial.stage, rrd):.2f} s in the .rrd)"
-    except Lost as error:
-        raise Lost(f"{what}: {error}") from None
+    except LostError as error:
+        raise LostError(f"{what}: {error}") from None
     return what
 
 
 COUNT = len(KINDS) + 5
 
-DISK = Attack("disk", "full disks", COUNT, 0, fill, prepare)
+DISKS = Attack("disk", "full disks", COUNT, (1, 5, 9, 15, 17), fill, prepare)

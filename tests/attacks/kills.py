@@ -7,7 +7,7 @@ import time
 from pathlib import Path
 
 from tests.attacks import reference
-from tests.attacks.trials import INTERRUPTED, PASSED, Attack, Lost, Process, Trial, call, command_line, judge
+from tests.attacks.trials import INTERRUPTED, PASSED, Attack, LostError, Process, Trial, call, command_line, judge
 
 MCAP_LOSS, RRD_LOSS = 0.2, 0.5
 """Of what was announced as simulated, a kill may cost this much [s]."""
@@ -44,10 +44,12 @@ def kill(trial: Trial) -> str:
     announced = float(rest[-1]) if rest else announced
     ended = process.wait(60.0)
     if ended.code not in (-signal.SIGKILL, 0):
-        raise Lost(f"ended by itself with {ended.code}: {ended.err[-200:]}")
-    mcap, rrd = kept = [next(iter(out.glob(f"*.{suffix}")), None) if out.exists() else None for suffix in ("mcap", "rrd")]
+        raise LostError(f"ended by itself with {ended.code}: {ended.err[-200:]}")
+    mcap, rrd = kept = [
+        next(iter(out.glob(f"*.{suffix}")), None) if out.exists() else None for suffix in ("mcap", "rrd")
+    ]
     if announced and None in kept:
-        raise Lost(f"{announced:.2f} s were announced, and there is no recording")
+        raise LostError(f"{announced:.2f} s were announced, and there is no recording")
     saved = saved_rrd = 0.0
     if mcap is not None and (announced or mcap.stat().st_size):
         saved = _saved(trial, mcap, ended.code)
@@ -55,7 +57,7 @@ def kill(trial: Trial) -> str:
         saved_rrd = reference.compare_rrd(trial.stage, rrd)
     what = f"{announced:.2f} s announced, {saved:.2f} s in the .mcap, {saved_rrd:.2f} s in the .rrd"
     if saved < announced - MCAP_LOSS - 1e-6 or saved_rrd < announced - RRD_LOSS - 1e-3:
-        raise Lost(what)
+        raise LostError(what)
     if mcap is not None and trial.number % 4 == 0:
         judge(call("report", mcap, "--out", trial.folder / "pages"), {PASSED} if saved else {PASSED, 2})
     return what
@@ -70,10 +72,10 @@ def _saved(trial: Trial, mcap: Path, code: int) -> float:
     except InputError as error:
         if mcap.stat().st_size < 100_000:  # killed while the head was written
             return 0.0
-        raise Lost(f"the recording cannot be read: {error}") from None
+        raise LostError(f"the recording cannot be read: {error}") from None
 
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+NUMBERS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 SWEEP = """
 title = "Attacked"
@@ -110,7 +112,7 @@ def _arguments(name: str, stage: Path, out: Path) -> list[str | Path]:
 def interrupt(trial: Trial) -> str:
     """Send a command a signal at a random moment from the start of its process to its end."""
     name = COMMANDS[trial.number % len(COMMANDS)]
-    number = SIGNALS[trial.number // len(COMMANDS) % len(SIGNALS)]
+    number = NUMBERS[trial.number // len(COMMANDS) % len(NUMBERS)]
     out = trial.folder / "out"
     began, begins = os.pipe()
     command = command_line(*_arguments(name, trial.stage, out))
@@ -139,11 +141,11 @@ def interrupt(trial: Trial) -> str:
             if rrd.exists() and saved:
                 saved_rrd = reference.compare_rrd(trial.stage, rrd)
                 if saved_rrd < saved - 0.01:
-                    raise Lost(f"the .rrd ends at {saved_rrd:.2f} s, the .mcap at {saved:.2f} s")
-    except Lost as error:
-        raise Lost(f"{what}: {error}") from None
+                    raise LostError(f"the .rrd ends at {saved_rrd:.2f} s, the .mcap at {saved:.2f} s")
+    except LostError as error:
+        raise LostError(f"{what}: {error}") from None
     return what
 
 
-KILL = Attack("kill", "kill -9", 40, 3, kill, reference.make)
-SIGNAL = Attack("signal", "signals at random phases", 60, 4, interrupt, prepare_signals)
+KILLS = Attack("kill", "kill -9", 40, (1, 4, 7), kill, reference.make)
+SIGNALS = Attack("signal", "signals at random phases", 60, (0, 11, 25, 52), interrupt, prepare_signals)

@@ -1,6 +1,10 @@
 """All kinds of attack by name."""
 
-from tests.attacks import controllers, disks, kills, parallel
-from tests.attacks.trials import Attack
+from tests.attacks.controllers import CONTROLLERS
+from tests.attacks.disks import DISKS
+from tests.attacks.kills import KILLS, SIGNALS
+from tests.attacks.parallel import PARALLEL
+from tests.attacks.recordings import RECORDINGS
+from tests.attacks.scenarios import SCENARIOS
 
-ATTACKS: dict[str, Attack] = {attack.name: attack for attack in (kills.KILL, kills.SIGNAL, disks.DISK, controllers.HOSTILE, parallel.PARALLEL)}
+ATTACKS = {attack.name: attack for attack in (KILLS, SIGNALS, DISKS, RECORDINGS, SCENARIOS, CONTROLLERS, PARALLEL)}

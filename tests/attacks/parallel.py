@@ -14,7 +14,7 @@ from tests.attacks.trials import (
     REFUSED,
     Attack,
     Ended,
-    Lost,
+    LostError,
     Process,
     Trial,
     as_json,
@@ -94,17 +94,17 @@ def _check_recordings(trial: Trial, out: Path, results: Sequence[tuple[dict[str,
 
     for (values, path), expected in zip(results, _alone(trial.stage), strict=True):
         if values != expected:
-            raise Lost(f"a run reports {values} instead of {expected}")
+            raise LostError(f"a run reports {values} instead of {expected}")
         recorded = {check.check.name: check.value for check in RecordedRun(path).checks}
         if recorded != expected:
-            raise Lost(f"{path.name} holds {recorded} instead of {expected}")
+            raise LostError(f"{path.name} holds {recorded} instead of {expected}")
     for suffix in ("mcap", "rrd"):
         there = list(out.glob(f"*.{suffix}"))
         if len(there) != AT_ONCE:
-            raise Lost(f"{len(there)} .{suffix} of {AT_ONCE} runs")
+            raise LostError(f"{len(there)} .{suffix} of {AT_ONCE} runs")
     strays = [path.name for path in out.iterdir() if path.suffix not in (".mcap", ".rrd")]
     if strays:
-        raise Lost(f"left behind in the folder: {', '.join(strays[:3])}")
+        raise LostError(f"left behind in the folder: {', '.join(strays[:3])}")
 
 
 def processes(trial: Trial) -> str:
@@ -157,11 +157,11 @@ def sweeps(trial: Trial) -> str:
     for one in ended:
         judge(one, {PASSED, REFUSED})
     if not any(one.code == PASSED for one in ended):
-        raise Lost("none of the ten sweeps was carried out")
+        raise LostError("none of the ten sweeps was carried out")
     (expected,) = (trial.stage / "swept").rglob("table.parquet")
     tables = list(out.rglob("table.parquet"))
     if not tables or any(table.read_bytes() != expected.read_bytes() for table in tables):
-        raise Lost(f"of {len(tables)} tables not all are the one of a sweep alone")
+        raise LostError(f"of {len(tables)} tables not all are the one of a sweep alone")
     return f"10 sweeps into one folder, {sum(one.code == PASSED for one in ended)} carried out"
 
 
@@ -175,12 +175,12 @@ def reports(trial: Trial) -> str:
         if one.code == PASSED:
             pages.append(Path(one.out.strip().splitlines()[-1]))
     if not pages:
-        raise Lost("none of the ten reports was made")
+        raise LostError("none of the ten reports was made")
     for k, one in enumerate(ended):
         if one.code == PASSED:
             text = Path(one.out.strip().splitlines()[-1]).read_text(encoding="utf-8")
             if f"feel.inertia={INERTIAS[k]}" not in text or "</html>" not in text:
-                raise Lost(f"the page that is named for feel.inertia={INERTIAS[k]} shows another run")
+                raise LostError(f"the page that is named for feel.inertia={INERTIAS[k]} shows another run")
     return f"10 reports into one folder, {len(pages)} made"
 
 
@@ -191,4 +191,4 @@ def together(trial: Trial) -> str:
     return KINDS[trial.number % len(KINDS)](trial)
 
 
-PARALLEL = Attack("parallel", "ten at once", 40, 2, together, prepare)
+PARALLEL = Attack("parallel", "ten at once", 40, (0, 3), together, prepare)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.attacks.trials import Lost, as_json, call, judge
+from tests.attacks.trials import LostError, as_json, call, judge
 
 SECONDS = 8.0
 """Length of the run."""
@@ -73,21 +73,23 @@ def compare(stage: Path, path: Path, statuses: set[str] | None = None) -> float:
         warnings.simplefilter("ignore")
         alone, other = Recording(stage / "alone.mcap"), Recording(path)
         if statuses is not None and other.status not in statuses:
-            raise Lost(f"the recording says {other.status!r} instead of {' or '.join(sorted(statuses))}")
+            raise LostError(f"the recording says {other.status!r} instead of {' or '.join(sorted(statuses))}")
         duration = other.duration
         if duration > alone.duration:
-            raise Lost(f"the recording is longer than the run: {duration} s")
+            raise LostError(f"the recording is longer than the run: {duration} s")
         if duration == 0.0:
             return 0.0
         if set(other.topics) != set(alone.topics):
-            raise Lost(f"topics are missing: {set(alone.topics) - set(other.topics)}")
+            raise LostError(f"topics are missing: {set(alone.topics) - set(other.topics)}")
         for topic in other.topics:
             expected, found = alone.read(topic, end=duration), other.read(topic)
             if not np.array_equal(expected.time, found.time):
-                raise Lost(f"{topic} has other times than the run alone: {len(found)} rows instead of {len(expected)}")
+                raise LostError(
+                    f"{topic} has other times than the run alone: {len(found)} rows instead of {len(expected)}"
+                )
             for name, values in expected.values.items():
                 if not np.array_equal(values, found[name], equal_nan=True):
-                    raise Lost(f"{topic}.{name} has other values than the run alone")
+                    raise LostError(f"{topic}.{name} has other values than the run alone")
     return float(duration)
 
 
@@ -101,10 +103,10 @@ def compare_rrd(stage: Path, path: Path, topic: str = "/column") -> float:
     expected = Recording(stage / "alone.mcap").read(topic, every=8)
     expected_times = np.round(expected.time * 1e9).astype(np.int64)[: len(times)]
     if not np.array_equal(times, expected_times):
-        raise Lost(f"the .rrd has other times than the run alone: {len(times)} rows to {times[-1] / 1e9} s")
+        raise LostError(f"the .rrd has other times than the run alone: {len(times)} rows to {times[-1] / 1e9} s")
     table = np.stack(list(expected.values.values()), axis=1)[: len(times)]
     if values.shape != table.shape or not np.array_equal(values, table):
-        raise Lost("the .rrd has other values than the run alone")
+        raise LostError("the .rrd has other values than the run alone")
     return float(times[-1] / 1e9)
 
 

@@ -30,11 +30,11 @@ KEPT_BYTES = 200_000
 """Of what a process prints, so much is kept of its beginning and of its end."""
 
 
-class Lost(Exception):
+class LostError(Exception):
     """The trial is lost; the text says why."""
 
 
-class Untried(Exception):
+class UntriedError(Exception):
     """This machine cannot do what the trial needs; the text says what."""
 
 
@@ -57,10 +57,10 @@ class Attack:
     title: str
     whole: int
     """trials of ``make attack``"""
-    quick: int
-    """trials in the ordinary tests"""
+    quick: Sequence[int]
+    """trials in the ordinary tests, by number"""
     trial: Callable[[Trial], str]
-    """carries a trial out; returns what was done in a few words, raises :class:`Lost` or :class:`Untried`"""
+    """carries a trial out; returns what was done in a few words, raises LostError or :class:`UntriedError`"""
     prepare: Callable[[Path], None] = lambda stage: None
     time_limit: float = 240.0
     """for a trial, after which it hangs [s]"""
@@ -117,7 +117,8 @@ class Process:
         paths = [str(PROJECT), *filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))]
         self.process = subprocess.Popen(
             command, cwd=cwd, env={**os.environ, "PYTHONPATH": os.pathsep.join(paths), **(environment or {})},
-            stdin=subprocess.DEVNULL, stdout=stdout, stderr=subprocess.PIPE, start_new_session=True, preexec_fn=before,
+            stdin=subprocess.DEVNULL, stdout=stdout, stderr=subprocess.PIPE, start_new_session=True,
+            preexec_fn=before,  # noqa: PLW1509  (sets limits and nothing else)
             pass_fds=tuple(pass_fds),
         )  # fmt: skip
         self._kept = {name: bytearray() for name in ("out", "err")}
@@ -211,12 +212,12 @@ def judge(ended: Ended, codes: Collection[int]) -> None:
     """Lost unless the process ended as it should: in time, with one of ``codes``, one line for an error, no more."""
     says = _said(ended)
     if ended.hung:
-        raise Lost(f"hangs: {ended.command}{says}")
+        raise LostError(f"hangs: {ended.command}{says}")
     judge_output(ended.code, ended.out, ended.err, codes)
     if ended.peak_mb > MOST_MB:
-        raise Lost(f"takes {ended.peak_mb:.0f} MB: {ended.command}")
+        raise LostError(f"takes {ended.peak_mb:.0f} MB: {ended.command}")
     if ended.left_behind:
-        raise Lost(f"leaves a process behind: {ended.command}")
+        raise LostError(f"leaves a process behind: {ended.command}")
 
 
 def judge_output(code: int, out: str, err: str, codes: Collection[int]) -> None:
@@ -225,18 +226,18 @@ def judge_output(code: int, out: str, err: str, codes: Collection[int]) -> None:
     last = f"; last line: {lines[-1][:200]}" if lines else ""
     for text, place in ((out, "stdout"), (err, "stderr")):
         if "Traceback (most recent call last)" in text or "Exception ignored" in text or "panicked at" in text:
-            raise Lost(f"a traceback on {place}, exit code {code}{last}")
+            raise LostError(f"a traceback on {place}, exit code {code}{last}")
     if code not in codes:
-        raise Lost(f"exit code {code} instead of {' or '.join(map(str, sorted(codes)))}{last}")
+        raise LostError(f"exit code {code} instead of {' or '.join(map(str, sorted(codes)))}{last}")
     errors = [line for line in lines if line.startswith("error: ")]
     if code in (REFUSED, INTERNAL) and (len(errors) != 1 or lines[-1] != errors[0]):
-        raise Lost(f"{len(errors)} error lines, {len(lines)} lines in all, exit code {code}{last}")
+        raise LostError(f"{len(errors)} error lines, {len(lines)} lines in all, exit code {code}{last}")
     if code in (PASSED, FAILED) and errors:
-        raise Lost(f"an error line although the exit code is {code}{last}")
+        raise LostError(f"an error line although the exit code is {code}{last}")
     if code == INTERRUPTED and not (lines and lines[-1].startswith("interrupted")):
-        raise Lost(f"interrupted without a word{last}")
+        raise LostError(f"interrupted without a word{last}")
     if any(len(line) > 1000 for line in lines):
-        raise Lost(f"a line of {max(map(len, lines))} letters on stderr{last}")
+        raise LostError(f"a line of {max(map(len, lines))} letters on stderr{last}")
 
 
 def _said(ended: Ended) -> str:
@@ -261,7 +262,7 @@ def as_json(ended: Ended) -> dict[str, Any]:
     try:
         found = json.loads(ended.out)
     except ValueError:
-        raise Lost(f"--json printed no JSON, exit code {ended.code}: {ended.out[:100]!r}") from None
+        raise LostError(f"--json printed no JSON, exit code {ended.code}: {ended.out[:100]!r}") from None
     if not isinstance(found, dict):
-        raise Lost(f"--json printed {type(found).__name__}")
+        raise LostError(f"--json printed {type(found).__name__}")
     return found

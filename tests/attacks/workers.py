@@ -18,11 +18,11 @@ import numpy as np
 from tests.attacks.trials import (
     MOST_MB,
     Attack,
-    Lost,
+    LostError,
     Outcome,
     Process,
     Trial,
-    Untried,
+    UntriedError,
     forget_peak,
     memory_mb,
     own_folder,
@@ -49,13 +49,13 @@ def carry_out(
         workers = [prepared, *(_Worker(attack, seed, stage) for _ in range(min(jobs, len(numbers)) - 1))]
         busy: set[_Worker] = set()
         while waiting or busy:
-            for k, worker in enumerate(workers):
-                if waiting and worker not in busy:
-                    if worker.size_mb() > RECYCLE_MB:
-                        worker.end()
-                        workers[k] = worker = _Worker(attack, seed, stage)
-                    worker.start(waiting.pop())
-                    busy.add(worker)
+            for k, idle in enumerate(workers):
+                if waiting and idle not in busy:
+                    if idle.size_mb() > RECYCLE_MB:
+                        idle.end()
+                        workers[k] = _Worker(attack, seed, stage)
+                    workers[k].start(waiting.pop())
+                    busy.add(workers[k])
             wait([worker.connection for worker in busy], timeout=0.2)
             for worker in tuple(busy):
                 outcome_now = worker.outcome()
@@ -146,9 +146,9 @@ def _outcome(attack: Attack, number: int, seed: int, stage: Path) -> Outcome:
             else:
                 rng = np.random.default_rng([seed, number])
                 what = attack.trial(Trial(number, rng, folder, stage))
-        except Lost as error:
+        except LostError as error:
             state, what = "lost", str(error)
-        except Untried as error:
+        except UntriedError as error:
             state, what = "untried", str(error)
         except Exception as error:  # the checks themselves failed: that is no success
             place = traceback.extract_tb(error.__traceback__)[-1]
