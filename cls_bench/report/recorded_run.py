@@ -113,7 +113,7 @@ class RecordedRun:
 
     @cached_property
     def _measured(self) -> tuple[experiment.CheckResult, ...]:
-        return experiment.measure(self.scenario, self.recording)
+        return experiment.measure(self.scenario, self.recording, own_loop=not self.has_feel_model)
 
     def _with_recorded_value(self, result: experiment.CheckResult) -> experiment.CheckResult:
         value = self._recorded_values.get(result.check.name)
