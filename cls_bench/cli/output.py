@@ -1,7 +1,11 @@
 """What the commands print: tables, results, progress."""
 
+import json
+import math
+import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -10,6 +14,20 @@ from cls_bench.text import printable
 
 if TYPE_CHECKING:
     from cls_bench.experiment import Progress, Result
+    from cls_bench.scenario import Scenario
+
+
+def print_json(found: Any) -> None:
+    """One JSON object, whole or not at all; in ASCII where the terminal takes no more."""
+    from cls_bench import interrupts
+
+    text = json.dumps(found, indent=2, ensure_ascii=False, allow_nan=False)
+    try:
+        text.encode(getattr(sys.stdout, "encoding", None) or "utf-8")
+    except UnicodeEncodeError:
+        text = json.dumps(found, indent=2, allow_nan=False)
+    with interrupts.held():
+        click.echo(text)
 
 
 def make_console() -> Any:
@@ -44,6 +62,12 @@ def number(value: float) -> str:
     return f"{value:.4g}"
 
 
+def print_notes(scenario: "Scenario") -> None:
+    """On standard error: what was understood of the scenario's sample files."""
+    for note in scenario.notes:
+        click.echo(note, err=True)
+
+
 def print_result(result: "Result") -> None:
     """What a run measured, its verdict, and where its recordings lie."""
     from rich import box
@@ -60,6 +84,10 @@ def print_result(result: "Result") -> None:
         verdict = Text("") if not r.judged else Text("passed", "green") if r.passed else Text("FAILED", "bold red")
         table.add_row(Text(r.check.name), number(r.value), r.unit, limits, verdict)
     console.print(table)
+    for r in result.checks:
+        if r.note:
+            what = "not measured: " if math.isnan(r.value) else ""
+            console.print(Text(f"{r.check.name}: {what}{r.note}"), soft_wrap=True)
     _print_events(result)
     style = "green" if result.status == "passed" else "bold red"
     status = result.status.upper().replace("_", " ")
@@ -93,6 +121,20 @@ def _print_events(result: "Result") -> None:
         f"{levels.count('warning')} warnings, {levels.count('error')} errors"
         + (f"; {left} more in the recording" if left > 0 else "")
     )
+
+
+def results_folder(folder: Path, began: float, *, resume: bool = False) -> Path:
+    """``folder``, or another where one is in use, for the results of the running command alone; says so.
+
+    ``began`` is the wall-clock time [s] at which the command started. Raises OutputError.
+    """
+    from cls_bench.claims import claimed_folder, file_name
+
+    wanted = folder.with_name(file_name(folder.name)) if folder.name else folder
+    claimed = click.get_current_context().with_resource(claimed_folder(wanted, began, resume=resume))
+    if claimed != wanted:
+        click.echo(f"{wanted} is in use by another cls-bench; the results go to {claimed}", err=True)
+    return claimed
 
 
 @contextmanager

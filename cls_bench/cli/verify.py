@@ -1,6 +1,5 @@
 """verify: the plant held against closed forms, references and independent integrations."""
 
-import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -8,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from cls_bench.cli.output import make_console
+from cls_bench.cli.output import make_console, print_json
 from cls_bench.errors import OutputError
 
 if TYPE_CHECKING:
@@ -28,18 +27,19 @@ def verify(ctx: click.Context, as_json: bool, page: Path | None) -> None:
     minute on two cores. Exit code 1 if a row falls short.
     """
     from cls_bench import verification
+    from cls_bench.claims import write_text
 
     with _progress() as progress:
         rows = verification.verify(progress)
     passed = all(row.passed for row in rows)
     if as_json:
         table = {"passed": passed, "rows": [row.to_json() for row in rows]}
-        click.echo(json.dumps(table, indent=2, ensure_ascii=False, allow_nan=False))
+        print_json(table)
     else:
         _print_rows(rows)
     if page is not None:
         try:
-            page.write_text(verification.render(rows), encoding="utf-8")
+            write_text(page, verification.render(rows))
         except OSError as error:
             raise OutputError(f"cannot write {page}: {error.strerror}") from None
     ctx.exit(0 if passed else 1)

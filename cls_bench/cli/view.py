@@ -2,9 +2,10 @@
 
 import os
 import shlex
-import subprocess
+import socket
 import sys
 import tempfile
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,9 +18,13 @@ from cls_bench.cli.report import doubts_instead_of_warnings, say_doubts
 from cls_bench.errors import InputError, OutputError
 
 if TYPE_CHECKING:
+    import subprocess
+
     from cls_bench.recording import Recording
 
 WEB_PORT = 9090
+
+HERE = "127.0.0.1"
 
 
 @click.command()
@@ -41,15 +46,22 @@ def view_recordings(recordings: Sequence[Path], *, serve: bool = False, port: in
     again = f"cls-bench view --serve {shlex.join(map(str, recordings))}"
     if not serve and sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise InputError(f"there is no display; serve it to a browser: {again}")
+    ports = (port, port + 1) if serve else ()
+    for number in ports:
+        _check_free(number)
+    from cls_bench.recording.rerun_process import viewer
+
     with _rrd(recordings, opened) as shown:
-        command = [str(Path(sys.executable).with_name("rerun")), str(shown)]
+        arguments = [str(shown)]
         if serve:
-            data_port = port + 1
-            command += ["--serve-web", "--bind", "127.0.0.1", "--web-viewer-port", str(port), "--port", str(data_port)]
-            source = quote(f"rerun+http://127.0.0.1:{data_port}/proxy", safe="")
-            click.echo(f"until Ctrl-C, open http://127.0.0.1:{port}/?url={source}")
+            arguments += ["--serve-web", "--bind", HERE, "--web-viewer-port", str(port), "--port", str(port + 1)]
         try:
-            code = subprocess.run(command, check=False).returncode
+            with viewer(arguments) as process:
+                if serve and _answers(process, ports):
+                    source = quote(f"rerun+http://{HERE}:{port + 1}/proxy", safe="")
+                    # A page that is part of a notebook sends no analytics either.
+                    click.echo(f"until Ctrl-C, open http://{HERE}:{port}/?url={source}&notebook=1")
+                code = process.wait()
         except OSError as error:
             raise InputError(
                 f"the Rerun viewer cannot be started ({error.strerror}); it comes with rerun-sdk"
@@ -59,6 +71,26 @@ def view_recordings(recordings: Sequence[Path], *, serve: bool = False, port: in
             f"the Rerun viewer ended with code {code}; without a graphics driver, serve it to a browser: "
             f"{again}"
         )
+
+
+def _check_free(port: int) -> None:
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # ports that were just given up are free
+        try:
+            probe.bind((HERE, port))
+        except OSError as error:
+            raise InputError(f"port {port} cannot be used ({error.strerror}); choose another with --port") from None
+
+
+def _answers(process: "subprocess.Popen[bytes]", ports: Sequence[int]) -> bool:
+    """Wait until all of ``ports`` answer; False if the viewer has ended."""
+    for port in ports:
+        while process.poll() is None:
+            with socket.socket() as probe:
+                if probe.connect_ex((HERE, port)) == 0:
+                    break
+            time.sleep(0.1)
+    return process.poll() is None
 
 
 RRD_MAGIC = b"RRF"

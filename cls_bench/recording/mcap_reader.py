@@ -2,6 +2,7 @@
 
 import importlib
 import json
+import re
 import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -126,10 +127,11 @@ class Recording:
 
     Opening it reads the heads of all records; :meth:`read` and :meth:`events` then hold one chunk at a time. Raises
     :class:`InputError` if there is no such file or it is no recording. A chunk that is damaged costs what is in it and
-    a :class:`RecordingWarning`; so does a file that was cut short, whose ``truncated`` is then true.
+    a :class:`RecordingWarning`; so does a file that was cut short, whose ``truncated`` is then true, unless it is known
+    to be ``unfinished``.
     """
 
-    def __init__(self, path: Path):
+    def __init__(self, path: Path, *, unfinished: bool = False):
         self.path = path
         self._file = McapFile(path)
         self._lock = threading.Lock()
@@ -147,7 +149,7 @@ class Recording:
             cut = ", or was cut short before them" if self.truncated else ""
             raise InputError(f"{path}: not a recording of cls-bench: it has none of its topics{cut}")
         self._chunks = sorted(self._file.chunks, key=lambda chunk: chunk.start_ns)
-        if self.truncated:
+        if self.truncated and not unfinished:
             self._warn("it was cut short; reading its complete chunks")
         for fault in self._file.faults:
             self._warn(fault)
@@ -203,9 +205,16 @@ class Recording:
 
     @property
     def duration(self) -> float:
-        """Time from the start of the run to the end of the last recorded tick that can be read [s]."""
+        """Time from the start of the run to the end of the last tick that was recorded and can be read [s].
+
+        Of a recording with fewer samples, the run may have gone on for a part of their interval after the last.
+        """
         ends = [chunk.end_ns for chunk in self._chunks if not chunk.lost]
-        return (max(ends) + TICK_NS) / 1e9 if ends else 0.0
+        end = max(ends) // TICK_NS + 1 if ends else 0
+        text = self.result.get("ticks", "")
+        ticks = int(text) if re.fullmatch("[0-9]{1,9}", text) else 0
+        slowest = max((topic.ticks for topic in self.topics.values()), default=1)
+        return (ticks if 0 < ticks - end < slowest else end) * TICK_NS / 1e9
 
     # --- what is wrong with it ---------------------------------------------------------------------------------------
 

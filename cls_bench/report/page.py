@@ -1,6 +1,7 @@
 """Reports as self-contained HTML pages: nothing in them comes from the network."""
 
 import datetime as dt
+import json
 import math
 import shlex
 from collections.abc import Sequence
@@ -16,7 +17,8 @@ import numpy as np
 from markupsafe import Markup
 
 from cls_bench.analysis import energy
-from cls_bench.errors import InputError, OutputError
+from cls_bench.claims import cannot_write, claimed_page, page_mark, write_text
+from cls_bench.errors import InputError, one_line
 from cls_bench.experiment import CheckResult
 from cls_bench.report import style
 from cls_bench.report.figures import CANNOT_DRAW, Picture, pictures
@@ -54,13 +56,13 @@ def write_report(runs: Sequence[RecordedRun], folder: Path) -> Path:
     Raises OutputError if it cannot be written.
     """
     name = runs[0].path.stem if len(runs) == 1 else "report"
-    page = folder / f"{name}.html"
+    owner = _owner(runs)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        shown = [_run(run, folder, number if len(runs) > 1 else 0) for number, run in enumerate(runs, start=1)]
-        page.write_text(_render("report.html", runs=shown), encoding="utf-8")
+        with claimed_page(folder, name, owner) as page:
+            shown = [_run(run, page, number if len(runs) > 1 else 0) for number, run in enumerate(runs, start=1)]
+            _write(page, owner, _render("report.html", runs=shown))
     except OSError as error:
-        raise OutputError(f"cannot write {error.filename or page}: {error.strerror}") from None
+        raise cannot_write(Path(error.filename or folder), error) from None
     return page
 
 
@@ -71,13 +73,13 @@ def write_gallery(runs: Sequence[RecordedRun], folder: Path) -> Path:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for run in runs:
-            shown = _run(run, folder, 0)
             report = folder / f"{run.name}.html"
-            report.write_text(_render("report.html", runs=[shown]), encoding="utf-8")
+            shown = _run(run, report, 0)
+            _write(report, _owner([run]), _render("report.html", runs=[shown]))
             cards.append({**shown, "name": run.name, "page": report.name, "picture": shown["pictures"][0]})
-        page.write_text(_render("gallery.html", runs=cards), encoding="utf-8")
+        _write(page, _owner(runs), _render("gallery.html", runs=cards))
     except OSError as error:
-        raise OutputError(f"cannot write {error.filename or page}: {error.strerror}") from None
+        raise cannot_write(Path(error.filename or page), error) from None
     return page
 
 
@@ -85,7 +87,7 @@ def write_comparison(
     first: RecordedRun, second: RecordedRun, pictures: Sequence[Picture], sections: Sequence[Section], folder: Path
 ) -> Path:
     """Write a page that lays two runs over each other; returns its path. Raises OutputError."""
-    page = folder / f"{first.path.stem}--{second.path.stem}.html"
+    owner = _owner((first, second))
     named = (("A", first), ("B", second))
     runs = [("", "recording", "scenario", "verdict")]
     runs += [(name, run.path.name, run.scenario.title, run.verdict) for name, run in named]
@@ -94,11 +96,20 @@ def write_comparison(
     title = "Two runs compared"
     text = _render("compare.html", title=title, runs=runs, doubts=doubts, sections=sections, pictures=shown)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        page.write_text(text, encoding="utf-8")
+        with claimed_page(folder, f"{first.path.stem}--{second.path.stem}", owner) as page:
+            _write(page, owner, text)
     except OSError as error:
-        raise OutputError(f"cannot write {page}: {error.strerror}") from None
+        raise cannot_write(Path(error.filename or folder), error) from None
     return page
+
+
+def _owner(runs: Sequence[RecordedRun]) -> str:
+    """Whose a page is: it is replaced by another about the same recordings, and by no other."""
+    return "\n".join(str(run.path.resolve()) for run in runs)
+
+
+def _write(page: Path, owner: str, text: str) -> None:
+    write_text(page, text.replace("<head>", f"<head>\n{page_mark(owner)}", 1))
 
 
 @cache
@@ -119,17 +130,17 @@ def _render(template: str, **values: Any) -> str:
     return _templates().get_template(template).render(style=css, version=version("cls-bench"), **values)
 
 
-def _run(run: RecordedRun, folder: Path, number: int) -> dict[str, Any]:
-    """All that a page says of a run; its figures are written below ``folder``."""
-    stem = run.path.stem
-    figures = folder / f"{stem}_figures"
+def _run(run: RecordedRun, page: Path, number: int) -> dict[str, Any]:
+    """All that ``page`` says of a run; its figures are written beside the page, with ``number`` unless it is 0."""
+    figures = page.with_name(f"{page.stem}_figures")
     figures.mkdir(exist_ok=True)
     shown: list[Shown] = []
     left_out: list[str] = []
+    suffix = f"_{number}" if number else ""
     for picture in pictures(run, left_out):
         try:
             document = style.svg(picture.figure, f"{picture.name}_{number}")
-            paths = style.save(picture.figure, figures / picture.name, document)
+            paths = style.save(picture.figure, figures / f"{picture.name}{suffix}", document)
         except CANNOT_DRAW as error:
             left_out.append(f"{picture.title}: {printable(str(error), 300)}")
             continue
@@ -182,8 +193,19 @@ def _check(result: CheckResult) -> dict[str, str]:
 
 def _sections(run: RecordedRun) -> list[Section]:
     return [
-        section for section in (_energy(run), _parameters(run), _changes(run), _events(run), _timing(run)) if section
+        section
+        for section in (_controller(run), _energy(run), _parameters(run), _changes(run), _events(run), _timing(run))
+        if section
     ]
+
+
+def _controller(run: RecordedRun) -> Section | None:
+    """Which controller ran, if it was not the feel model."""
+    if run.has_feel_model:
+        return None
+    about = {key.partition(".")[2]: text for key, text in run.recording.metadata.items() if key.startswith("controller.")}
+    text = "A controller of the user's own ran in place of the feel model, whose parameters had no effect."
+    return Section("Controller", text, (("", "recorded"), *((name, value) for name, value in sorted(about.items()))))
 
 
 def _energy(run: RecordedRun) -> Section:
@@ -263,13 +285,48 @@ def _seconds_between(start: str, end: str) -> float:
 
 
 def _command(run: RecordedRun) -> str:
-    """The commands that make the same recording again, and what they depend on."""
+    """The commands that make the same recording again, and what they depend on; each word quoted for a shell."""
+    words = ["cls-bench", "run"]
+    for entry in run.scenario.overrides:
+        words += ["--set", printable(entry, 1000)]
+    about = {name: printable(text, 1000) for name, text in run.recording.metadata.items()}
+    notes = []
+    place = run.scenario.controller_place
+    if not run.has_feel_model:
+        source, name = about.get("controller.source", ""), about["controller.name"]
+        digest = f" (SHA-256 {about['controller.sha256']})" if "controller.sha256" in about else ""
+        if "controller.arguments" not in about:
+            notes.append(f"the controller was the object {one_line(name)} of a program{digest}: see the attachment")
+        else:
+            arguments = _arguments(about["controller.arguments"])
+            if place is None or (place.module, place.name, dict(place.arguments)) != (source, name, arguments):
+                words += ["--controller", f"{source}:{name}"]
+                for key, value in arguments.items():
+                    words += ["--controller-arg", f"{key}={_toml(value)}"]
+            notes.append(f"the controller's source{digest} is the attachment controller.py")
     known = run.name in shipped_scenarios()
-    scenario = shlex.quote(run.name) if known else f"{shlex.quote(f'{run.name}.toml')}  # the text below"
-    overrides = [f"--set {shlex.quote(printable(entry, 1000))}" for entry in run.scenario.overrides]
-    about = {name: printable(text, 100) for name, text in run.recording.metadata.items()}
+    words.append(run.name if known else f"{run.name}.toml")  # the text below
     packages = ", ".join(
         f"{name} {about[name]}" for name in ("cls-bench", "mujoco", "numba", "numpy", "python") if name in about
     )
-    command = " ".join(["cls-bench run", *overrides, scenario])
-    return f"{command}\n\n# {packages}; commit {about.get('commit', 'none')}"
+    notes.append(f"{one_line(packages)}; commit {one_line(about.get('commit', 'none'))}")
+    if words[-1].startswith("-"):
+        words.insert(-1, "--")
+    return "\n".join([shlex.join(words), "", *(f"# {one_line(note)}" for note in notes)])
+
+
+def _arguments(text: str) -> dict[str, Any]:
+    try:
+        found = json.loads(text)
+    except ValueError:
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def _toml(value: Any) -> str:
+    """A value as TOML writes it on one line."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{json.dumps(key)} = {_toml(inner)}" for key, inner in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(_toml, value)) + "]"
+    return json.dumps(value)

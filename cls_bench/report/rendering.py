@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from cls_bench.claims import replaced
 from cls_bench.errors import InputError, OutputError
 from cls_bench.geometry import force_arrows, turned
 from cls_bench.recording import Recording
@@ -126,7 +127,8 @@ def save_still(recording: Recording, at: float, path: Path, size: tuple[int, int
         renderer.close()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        image.save(path)
+        with replaced(path) as file:
+            image.save(file)
     except (OSError, ValueError) as error:
         raise OutputError(f"cannot write {path}: {error}") from None
 
@@ -148,12 +150,13 @@ def save_video(
     frames = 0
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        writer = imageio_ffmpeg.write_frames(str(path), size, fps=rate, quality=8, macro_block_size=2)
-        writer.send(None)
-        for image in renderer.frames(start, end, speed / rate):
-            writer.send(np.ascontiguousarray(image))
-            frames += 1
-        writer.close()
+        with replaced(path) as file:
+            writer = imageio_ffmpeg.write_frames(str(file), size, fps=rate, quality=8, macro_block_size=2)
+            writer.send(None)
+            for image in renderer.frames(start, end, speed / rate):
+                writer.send(np.ascontiguousarray(image))
+                frames += 1
+            writer.close()
     except OSError as error:
         raise OutputError(f"cannot write {path}: {error}") from None
     finally:

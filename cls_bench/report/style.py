@@ -16,6 +16,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from cls_bench.claims import replaced, write_text
+
 Array = NDArray[np.float64]
 
 
@@ -178,7 +180,7 @@ def save(figure: Figure, stem: Path, document: str | None = None) -> tuple[Path,
     """
     svg_path, png_path = stem.with_name(f"{stem.name}.svg"), stem.with_name(f"{stem.name}.png")
     document = document or svg(figure, stem.name)
-    svg_path.write_text(document.replace("<svg ", '<svg style="background: white" ', 1), encoding="utf-8")
+    write_text(svg_path, document.replace("<svg ", '<svg style="background: white" ', 1))
     save_png(figure, png_path)
     return svg_path, png_path
 
@@ -187,7 +189,7 @@ def save_png(figure: Figure, path: Path) -> None:
     """Write the figure on white paper. Raises OSError."""
     figure.set_facecolor("white")
     try:
-        with mpl.rc_context({**_RC, "savefig.facecolor": "auto"}):
-            figure.savefig(path, dpi=160, metadata={"Software": None})
+        with mpl.rc_context({**_RC, "savefig.facecolor": "auto"}), replaced(path) as file:
+            figure.savefig(file, dpi=160, metadata={"Software": None}, format=path.suffix[1:])
     finally:
         figure.set_facecolor("none")

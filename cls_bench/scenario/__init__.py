@@ -1,5 +1,6 @@
 """Scenarios: what the hand does, what changes while a run goes on, and what is checked afterwards."""
 
+from cls_bench.scenario.record import Record
 from cls_bench.scenario.scenario import (
     Change,
     Check,
@@ -25,6 +26,6 @@ from cls_bench.scenario.segments import (
 )
 
 __all__ = [
-    "Aim", "Change", "Check", "Chirp", "DriveStart", "ExpectedTrip", "Hold", "Ramp", "Release", "Samples", "Scenario",
-    "Segment", "Sine", "Squeeze", "Step", "load_scenario", "parse_scenario", "scenario_schema", "tick_of",
+    "Aim", "Change", "Check", "Chirp", "DriveStart", "ExpectedTrip", "Hold", "Ramp", "Record", "Release", "Samples",
+    "Scenario", "Segment", "Sine", "Squeeze", "Step", "load_scenario", "parse_scenario", "scenario_schema", "tick_of",
 ]  # fmt: skip

@@ -9,20 +9,29 @@ from pydantic import BaseModel
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import ErrorDetails, core_schema
 
+MOST_NAMES = 30
+"""Names in a list of what is valid."""
+
 
 class FaultError(Exception):
     """Something wrong at a key of the scenario."""
 
     def __init__(self, key: str, problem: str):
-        super().__init__(f"{key}: {problem}" if key else problem)
+        said = ".".join(printable(part) for part in key.split("."))
+        super().__init__(f"{said}: {problem}" if key else problem)
         self.key = key
         self.problem = problem
 
 
+def printable(text: str, most: int = 60) -> str:
+    """``text`` on one line and cut short: whatever a terminal would not print as it is stands as an escape."""
+    text = text if len(text) <= most else text[: most - 3] + "..."
+    return "".join(c if c.isprintable() else c.encode("unicode_escape", "surrogatepass").decode() for c in text)
+
+
 def shown(value: Any) -> str:
     """A value as it stands in a message, cut short."""
-    text = json.dumps(value, ensure_ascii=False, default=str)
-    return text if len(text) <= 60 else text[:57] + "..."
+    return printable(json.dumps(value, ensure_ascii=False, default=str))
 
 
 def listed(names: Sequence[str]) -> str:
@@ -31,10 +40,14 @@ def listed(names: Sequence[str]) -> str:
 
 
 def nearest(name: str, valid: Sequence[str] | Mapping[str, Any]) -> str:
-    """The valid names that resemble ``name``, or all."""
+    """The valid names that resemble ``name``, or all; of many only what stands before their first dot."""
     names = list(valid)
-    close = difflib.get_close_matches(name, names, n=3, cutoff=0.6)
-    return f"did you mean {' or '.join(close)}?" if close else f"valid: {listed(names)}"
+    close = difflib.get_close_matches(name[:100], names, n=3, cutoff=0.6)
+    if close:
+        return f"did you mean {' or '.join(close)}?"
+    if len(names) > MOST_NAMES:
+        names = list(dict.fromkeys(f"{head}.…" for head, _, _ in (known.partition(".") for known in names)))
+    return f"valid: {listed(names)}"
 
 
 def wanted_in(schema: Mapping[str, Any]) -> str:
@@ -49,6 +62,8 @@ def wanted_in(schema: Mapping[str, Any]) -> str:
         text = kinds.get(schema.get("type", "object"), "a table")
         if schema.get("minLength"):
             text += " that is not empty"
+        if "maxLength" in schema:
+            text += f", of {schema['maxLength']} characters at most"
         if "prefixItems" in schema:
             text = f"an array of {len(schema['prefixItems'])} numbers"
     signs = {"exclusiveMinimum": ">", "minimum": "≥", "exclusiveMaximum": "<", "maximum": "≤"}
@@ -73,6 +88,8 @@ def problem_of(error: ErrorDetails, model: type[BaseModel], kinds: Sequence[str]
         return f"missing; valid: {listed(kinds)}"
     if kind == "value_error":
         return str(error["ctx"]["error"])
+    if kind == "too_long" and "actual_length" in error["ctx"]:
+        return f"has {error['ctx']['actual_length']} entries; at most {error['ctx']['max_length']} are valid"
     wanted = wanted_in(properties[field]) if field in properties else "a table"
     if kind == "missing":
         return f"missing; give {wanted}"

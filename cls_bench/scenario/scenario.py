@@ -13,18 +13,28 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, Field, PrivateAttr, ValidationError, WithJsonSchema, field_validator, model_validator
 
+from cls_bench.controllers import Place
 from cls_bench.errors import InputError
 from cls_bench.parameters import Parameters, Section
 from cls_bench.resources import shipped_scenarios
-from cls_bench.scenario.faults import FaultError, TomlSchema, nearest, problem_of, shown
+from cls_bench.scenario.faults import FaultError, TomlSchema, nearest, printable, problem_of, shown
+from cls_bench.scenario.files import read_file
 from cls_bench.scenario.override import override, parameters_with
-from cls_bench.scenario.segments import SEGMENTS, Samples, Segment, Span, Squeeze, Strict, Text, Time
+from cls_bench.scenario.record import SIGNALS, Record
+from cls_bench.scenario.sample_file import MOST_BYTES
+from cls_bench.scenario.segments import SEGMENTS, Line, Name, Samples, Segment, Span, Squeeze, Strict, Time
+from cls_bench.scenario.toml_file import MOST_BYTES as MOST_TOML
 from cls_bench.scenario.toml_file import parse_toml, place_override
-from cls_bench.signals import TICK_S, TOPICS
+from cls_bench.signals import TICK_S
 from cls_bench.step_limit import unstable_parameter
 
-_SIGNALS = tuple(f"{topic.path}.{name}" for topic in TOPICS for name in topic.names)
+Limit = Annotated[float, Field(ge=-1e12, le=1e12)]
 
+SOON = 0.001
+"""Time [s] within which a change has taken effect."""
+
+LONGEST_LINE = 1000
+"""Characters of a message."""
 
 def tick_of(time: float) -> int:
     """Number of the tick that is nearest to ``time`` [s]."""
@@ -36,6 +46,15 @@ class DriveStart(Strict):
 
     power: Literal["on", "off"] = "on"
     """"off" is safe torque off: no torque at all, the motor turns freely"""
+
+
+class Controller(Strict):
+    """A controller of your own in place of the feel model."""
+
+    source: Line
+    """FILE.py:NAME, relative to the scenario file, or package.module:NAME"""
+    arguments: dict[str, Any] = Field(default_factory=dict, max_length=100)
+    """arguments with which NAME is called"""
 
 
 class Change(Strict):
@@ -66,26 +85,26 @@ class Change(Strict):
 class Check(Strict):
     """A metric over a time window, with limits; without limits it is only reported."""
 
-    name: Text
+    name: Line
     """name under which the result is listed; unique in the scenario"""
-    metric: Text
+    metric: Name
     """what is measured, see `cls-bench list --metrics`"""
     window: Annotated[tuple[Time, Time], Field(strict=False)]
     """start and end [s]"""
-    signal: Annotated[str, WithJsonSchema({"type": "string", "enum": list(_SIGNALS)})] | None = None
+    signal: Annotated[str, WithJsonSchema({"type": "string", "enum": list(SIGNALS)})] | None = None
     """recorded signal that a general metric evaluates, such as "/column.torque" (topic and name)"""
-    min: float | None = None
+    min: Limit | None = None
     """least value that passes [unit of the metric]"""
-    max: float | None = None
+    max: Limit | None = None
     """greatest value that passes [unit of the metric]"""
-    arguments: dict[str, float] = Field(default_factory=dict)
+    arguments: dict[str, float] = Field(default_factory=dict, max_length=20)
     """further numbers that the metric takes"""
 
     @field_validator("signal")
     @classmethod
     def _known(cls, signal: str | None) -> str | None:
-        if signal is not None and signal not in _SIGNALS:
-            raise ValueError(f"{shown(signal)} is not recorded; {nearest(signal, _SIGNALS)}")
+        if signal is not None and signal not in SIGNALS:
+            raise ValueError(f"{shown(signal)} is not recorded; {nearest(signal, SIGNALS)}")
         return signal
 
 
@@ -101,7 +120,7 @@ class ExpectedTrip(Strict):
 class Scenario(Strict):
     """One experiment. Made by :func:`load_scenario` or :func:`parse_scenario`, which also check it as a whole."""
 
-    title: Text
+    title: Line
     """one line that says what is shown"""
     description: str = ""
     """what happens, and what to look at"""
@@ -113,15 +132,19 @@ class Scenario(Strict):
     """values that differ from the defaults, by dotted key, SI"""
     drive: DriveStart = DriveStart()
     """state of the drive when the run begins"""
-    hand: list[Annotated[Segment, Field(discriminator="kind")]] = Field(default_factory=list)
+    controller: Controller | None = None
+    """a controller of your own in place of the feel model"""
+    hand: list[Annotated[Segment, Field(discriminator="kind")]] = Field(default_factory=list, max_length=10_000)
     """what the hand does, in order of time; before the first segment it does not grip"""
-    squeeze: list[Squeeze] = Field(default_factory=list)
+    squeeze: list[Squeeze] = Field(default_factory=list, max_length=10_000)
     """how tightly the hand grips, in order of time"""
-    changes: list[Change] = Field(default_factory=list)
+    record: Record = Record()
+    """what is recorded; without it all signals at their own rates"""
+    changes: list[Change] = Field(default_factory=list, max_length=1000)
     """what changes while the run goes on, in order of time"""
-    checks: list[Check] = Field(default_factory=list)
+    checks: list[Check] = Field(default_factory=list, max_length=1000)
     """metrics to evaluate after the run"""
-    expected_trips: list[ExpectedTrip] = Field(default_factory=list)
+    expected_trips: list[ExpectedTrip] = Field(default_factory=list, max_length=1000)
     """safety functions that are meant to switch the drive off"""
 
     _name: str = PrivateAttr(default="scenario")
@@ -129,6 +152,7 @@ class Scenario(Strict):
     _source: bytes = PrivateAttr(default=b"")
     _overrides: tuple[str, ...] = PrivateAttr(default=())
     _sample_files: dict[str, bytes] = PrivateAttr(default_factory=dict)
+    _notes: tuple[str, ...] = PrivateAttr(default=())
 
     @property
     def name(self) -> str:
@@ -156,6 +180,20 @@ class Scenario(Strict):
         return self._sample_files
 
     @property
+    def controller_place(self) -> Place | None:
+        """Where its controller is to be found; None for the feel model."""
+        if self.controller is None:
+            return None
+        folder = self.path.parent if self.path else Path()
+        key = f"{self.path or self.name}: controller.source:"
+        return Place(self.controller.source, self.controller.arguments, folder, key)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was understood of each sample file, in one line each."""
+        return self._notes
+
+    @property
     def ticks(self) -> int:
         """Length of the run in ticks."""
         return tick_of(self.duration)
@@ -166,8 +204,20 @@ class Scenario(Strict):
         try:
             _check(other)
         except FaultError as fault:
-            raise InputError(str(fault)) from None
+            raise InputError(printable(str(fault), LONGEST_LINE)) from None
         return other
+
+    def idle(self, start: float, end: float) -> str:
+        """Why the column is not meant to follow the feel model from ``start`` to ``end`` [s]; empty if it is."""
+        power, mode, since = self.drive.power, "", 0.0
+        for change in [*self.changes, None]:
+            until = self.duration if change is None else change.at
+            if since < end and until > start + SOON and (power == "off" or mode in ("off", "torque")):
+                state = "off" if "off" in (power, mode) else f"in mode {mode}"
+                return f"the drive is {state} from {since:g} s to {until:g} s"
+            if change is not None:
+                power, mode, since = change.power or power, change.mode or mode, change.at
+        return ""
 
     def parameters_at_start(self) -> Parameters:
         """All parameters of the bench when the run begins."""
@@ -192,13 +242,13 @@ def load_scenario(name_or_path: str | Path, *, seed: int | None = None, set: Seq
     text = str(name_or_path)
     path = shipped.get(text) or Path(name_or_path)
     try:
-        source = path.read_bytes()
+        source = read_file(path, MOST_TOML)
     except FileNotFoundError:
         if path.suffix == ".toml" or len(path.parts) > 1:
-            raise InputError(f"{text}: no such file") from None
-        raise InputError(f"{text}: no such scenario or file; {nearest(text, shipped)}") from None
+            raise InputError(f"{printable(text, 500)}: no such file") from None
+        raise InputError(f"{printable(text)}: no such scenario or file; {nearest(text, shipped)}") from None
     except OSError as error:
-        raise InputError(f"{text}: cannot be read: {error.strerror}") from None
+        raise InputError(f"{printable(text, 500)}: cannot be read: {error.strerror}") from None
     return parse_scenario(source, path=path, seed=seed, set=set)
 
 
@@ -217,8 +267,8 @@ def parse_scenario(
     current folder without it). If ``sample_files`` is given, name -> content, they are taken from there and nothing is
     read from the disk. Raises InputError.
     """
-    source = toml.encode() if isinstance(toml, str) else toml
-    file = str(path) if path else name
+    source = toml.encode(errors="surrogatepass") if isinstance(toml, str) else toml
+    file = printable(str(path) if path else name, 500)
     overrides = (*set, *((f"seed={seed}",) if seed is not None else ()))
     table = parse_toml(source, file)
     from_command_line = {place_override(table, entry) for entry in overrides}
@@ -226,8 +276,8 @@ def parse_scenario(
         scenario = _validated(table)
         scenario._name, scenario._path = (path.stem, path) if path else (name, None)
         scenario._source, scenario._overrides = source, overrides
-        _read_samples(scenario, sample_files)
         _check(scenario)
+        _read_samples(scenario, sample_files)
     except FaultError as fault:
         if fault.key in from_command_line:
             origin = "--set"
@@ -235,12 +285,13 @@ def parse_scenario(
             origin = f"{file} with --set"  # a section as a whole, of which either may be to blame
         else:
             origin = file
-        raise InputError(f"{origin}: {fault}") from None
+        raise InputError(f"{origin}: {printable(str(fault), LONGEST_LINE)}") from None
     return scenario
 
 
 _TABLES: Mapping[str, type[Strict]] = {
-    "drive": DriveStart, "squeeze": Squeeze, "changes": Change, "checks": Check, "expected_trips": ExpectedTrip,
+    "controller": Controller, "drive": DriveStart, "squeeze": Squeeze, "record": Record, "changes": Change,
+    "checks": Check, "expected_trips": ExpectedTrip,
 }  # fmt: skip
 
 
@@ -295,19 +346,22 @@ def _validated(table: dict[str, Any]) -> Scenario:
 
 def _read_samples(scenario: Scenario, given: Mapping[str, bytes] | None) -> None:
     folder = scenario.path.parent if scenario.path else Path()
-    for k, segment in enumerate(scenario.hand):
+    ends = [*(segment.at for segment in scenario.hand[1:]), scenario.duration]
+    notes = []
+    for k, (segment, end) in enumerate(zip(scenario.hand, ends, strict=False)):
         if isinstance(segment, Samples):
-            key = f"hand[{k}].file"
+            key, file = f"hand[{k}].file", shown(segment.file)
             try:
                 if given is not None and segment.file not in given:
-                    raise FaultError(key, f"{shown(segment.file)} is not among the recording's attachments")
-                content = (folder / segment.file).read_bytes() if given is None else given[segment.file]
-                segment._read(content)
+                    raise FaultError(key, f"{file} is not among the recording's attachments")
+                content = read_file(folder / segment.file, MOST_BYTES) if given is None else given[segment.file]
+                notes.append(f"hand[{k}] {printable(segment.file)}: {segment._read(content, end - segment.at)}")
             except OSError as error:
-                raise FaultError(key, f"{shown(segment.file)} cannot be read: {error.strerror}") from None
+                raise FaultError(key, f"{file} cannot be read: {error.strerror or error}") from None
             except ValueError as error:
-                raise FaultError(key, f"{shown(segment.file)} {error}") from None
+                raise FaultError(key, f"{file} {error}") from None
             scenario._sample_files[segment.file] = content
+    scenario._notes = tuple(notes)
 
 
 def _check(scenario: Scenario) -> None:
@@ -331,13 +385,15 @@ def _check(scenario: Scenario) -> None:
                     f"{name}[{k}].window",
                     f"[{start:g}, {end:g}] s is not valid; start < end ≤ duration = {scenario.duration:g} s must hold",
                 )
+    names = set[str]()
     for k, check in enumerate(scenario.checks):
         if check.min is not None and check.max is not None and check.min > check.max:
             raise FaultError(f"checks[{k}].min", f"{check.min:g} is greater than max = {check.max:g}")
-        if check.name in [other.name for other in scenario.checks[:k]]:
+        if check.name in names:
             raise FaultError(
                 f"checks[{k}].name", f"{shown(check.name)} is the name of an earlier check; names are unique"
             )
+        names.add(check.name)
     parameters = parameters_with("parameters", Parameters(), scenario.parameters)
     _check_step("parameters", parameters)
     for k, change in enumerate(scenario.changes):

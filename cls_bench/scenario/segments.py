@@ -1,24 +1,32 @@
 """What the hand does: the segments of a scenario's ``[[hand]]`` and ``[[squeeze]]``."""
 # ruff: noqa: N815  (keys spell newton as SI does: to_N)
 
-import csv
-import io
 import math
 from collections.abc import Mapping
 from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PrivateAttr, model_validator
 
-from cls_bench.scenario.faults import listed
+from cls_bench.scenario.faults import shown
+from cls_bench.scenario.sample_file import Keys, read_samples
 
 Time = Annotated[float, Field(ge=0, le=3600)]
 Span = Annotated[float, Field(gt=0, le=3600)]
 Degrees = Annotated[float, Field(ge=-60, le=60)]
 Newtons = Annotated[float, Field(ge=-2000, le=2000)]
 Frequency = Annotated[float, Field(gt=0, le=1000)]
-Text = Annotated[str, Field(min_length=1)]
+Name = Annotated[str, Field(min_length=1, max_length=200)]
+
+
+def _one_line(text: str) -> str:
+    if not text.isprintable():
+        raise ValueError(f"{shown(text)} is not one line of printable characters")
+    return text
+
+
+Line = Annotated[Name, AfterValidator(_one_line)]
 
 
 class Strict(BaseModel):
@@ -159,7 +167,7 @@ class Sine(_Oscillation):
     """frequency [Hz]"""
     phase_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0
     """phase at the start [deg]"""
-    cycles: Annotated[float, Field(gt=0)] | None = None
+    cycles: Annotated[float, Field(gt=0, le=3.6e6)] | None = None
     """number of periods, after which the value reached is held; without it until the next segment [1]"""
 
 
@@ -181,12 +189,29 @@ class Samples(_Segment):
     """Follow recorded samples, linearly interpolated; before the first and after the last its value is held."""
 
     kind: Literal["samples"]
-    file: Text
-    """CSV file with a header line and a column "time" [s since the segment's start]; relative to the scenario file"""
+    file: Name
+    """text file with a header and columns, as loggers and spreadsheets write it; relative to the scenario file"""
     unit: Literal["deg", "N"]
-    """unit of the values: an angle [deg] or a force [N]"""
-    column: Text = "value"
-    """header of the column with the values"""
+    """unit of the values, after scale and offset: an angle [deg] or a force [N]"""
+    column: Name = "value"
+    """header of the column with the values; its number, such as "2", in a file without headers"""
+    time_column: Name | None = None
+    """header of the column with the time; found if it is called time, t, timestamp or the like"""
+    time_unit: Literal["s", "ms", "us", "µs", "ns", "min", "h"] | None = None
+    """unit of the time; that of the header, or s, if left out"""
+    time_zero: Annotated[float, Field(ge=-1e20, le=1e20)] | None = None
+    """what the file's clock shows when the segment starts, in its own unit [1]; if left out 0, or the first
+    sample's time where the clock has another origin"""
+    delimiter: Literal[",", ";", "\t", "|", " "] | None = None
+    """what separates the columns; found out if left out"""
+    decimal: Literal[".", ","] | None = None
+    """decimal mark; found out if left out"""
+    skip: Annotated[int, Field(ge=0, le=100_000)] = 0
+    """lines to leave out at the file's beginning [1]"""
+    scale: Annotated[float, Field(ge=-1e12, le=1e12)] | None = None
+    """factor from the file's values to the unit [1]; 1 if left out"""
+    offset: Annotated[float, Field(ge=-1e12, le=1e12)] | None = None
+    """added to the scaled values, in the unit [1]; 0 if left out"""
     _times: NDArray[np.float64] = PrivateAttr(default_factory=lambda: np.zeros(1))
     _values: NDArray[np.float64] = PrivateAttr(default_factory=lambda: np.zeros(1))
 
@@ -205,35 +230,15 @@ class Samples(_Segment):
         """The samples [rad or N]."""
         return self._values
 
-    def _read(self, content: bytes) -> None:
-        """Take the samples from the file's ``content``; ValueError with one line if it is not valid."""
-        try:
-            rows = list(csv.reader(io.StringIO(content.decode("utf-8-sig"))))
-        except (UnicodeDecodeError, csv.Error) as error:
-            raise ValueError(f"is not a CSV file: {error}") from None
-        header = [name.strip() for name in rows[0]] if rows else []
-        for name in ("time", self.column):
-            if name not in header:
-                raise ValueError(f'has no column "{name}" in its first line; found: {listed(header)}')
-        picks = header.index("time"), header.index(self.column)
-        samples: list[tuple[float, float]] = []
-        for number, row in enumerate(rows[1:], start=2):
-            if not row:
-                continue
-            try:
-                time, value = (float(row[k]) for k in picks)
-            except (ValueError, IndexError):
-                raise ValueError(f"line {number}: needs a number for time and for {self.column}") from None
-            if not (math.isfinite(time) and math.isfinite(value)):
-                raise ValueError(f"line {number}: needs finite numbers")
-            if samples and time <= samples[-1][0]:
-                raise ValueError(f"line {number}: time {time:g} s must be greater than {samples[-1][0]:g} s before it")
-            samples.append((time, value))
-        if not samples:
-            raise ValueError("has no samples below its first line")
-        table = np.array(samples)
-        self._times = table[:, 0].copy()
-        self._values = np.radians(table[:, 1]) if self.unit == "deg" else table[:, 1].copy()
+    def _read(self, content: bytes, span: float) -> str:
+        """Take the samples from the file's ``content``, of which the segment hears ``span`` [s].
+
+        Returns what was understood, in one line; ValueError with one line if the file is not valid.
+        """
+        keys = {name: getattr(self, name) for name in Keys._fields}
+        read = read_samples(content, Keys(**keys), span)
+        self._times, self._values = read.times, np.radians(read.values) if self.unit == "deg" else read.values
+        return read.note
 
 
 class Release(_Segment):

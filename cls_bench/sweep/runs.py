@@ -1,67 +1,16 @@
 """Evaluate a scenario at a point without writing a recording: only what the checks read is kept, in memory."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from cls_bench.analysis.memory import Memory
 from cls_bench.bench import Bench, DivergedError
-from cls_bench.experiment import ending, measure
-from cls_bench.scenario import Check, Scenario, parse_scenario, tick_of
-from cls_bench.signals import PLC_TICKS, TICK_S, TOPIC, Block
+from cls_bench.errors import ControllerError
+from cls_bench.experiment import ending, make_controller, measure
+from cls_bench.scenario import Check, Scenario, parse_scenario
 from cls_bench.sweep.engine import Point, Value
 from cls_bench.sweep.plan import Plan, override
-
-
-class Samples(NamedTuple):
-    """Signals of one topic over time."""
-
-    time: NDArray[np.float64]
-    values: Mapping[str, NDArray[np.float64]]
-
-
-class Memory:
-    """The signals of a run at the PLC's rate, within the windows of its checks: 0.5 MB for each second."""
-
-    def __init__(self, checks: Sequence[Check]):
-        self._windows = {(tick_of(check.window[0]), tick_of(check.window[1])) for check in checks}
-        self._blocks: list[tuple[NDArray[np.int64], dict[str, NDArray[np.float64]]]] = []
-
-    def keep(self, block: Block) -> None:
-        """Take over what the checks will read of ``block``."""
-        if any(start < block.end_tick and block.first_tick < end for start, end in self._windows):
-            rows = {topic.path: self._thinned(block, topic.path) for topic in TOPIC.values()}
-            self._blocks.append((block.row_ticks(PLC_TICKS), rows))
-
-    @staticmethod
-    def _thinned(block: Block, path: str) -> NDArray[np.float64]:
-        every = TOPIC[path].ticks
-        rows: NDArray[np.float64] = block.signals[path][block.row_ticks(every) % PLC_TICKS == 0]
-        return rows
-
-    def read(
-        self,
-        topic: str,
-        signals: Sequence[str] | None = None,
-        start: float | None = None,
-        end: float | None = None,
-        every: int = 1,
-    ) -> Samples:
-        """As :meth:`cls_bench.analysis.window.Source.read`, at the PLC's rate."""
-        known = TOPIC[topic]
-        if every * known.ticks != PLC_TICKS:
-            raise ValueError(f"only rows every {PLC_TICKS} ticks are in memory")
-        names = known.names if signals is None else signals
-        columns = [known.names.index(name) for name in names]
-        first = -np.inf if start is None else tick_of(start)
-        last = np.inf if end is None else tick_of(end)
-        inside = [(ticks, rows[topic], (ticks >= first) & (ticks < last)) for ticks, rows in self._blocks]
-        time = np.concatenate([np.zeros(0), *(ticks[kept] * TICK_S for ticks, _, kept in inside)])
-        table = np.concatenate([np.zeros((0, len(columns))), *(rows[kept][:, columns] for _, rows, kept in inside)])
-        return Samples(time, {name: np.ascontiguousarray(table[:, k]) for k, name in enumerate(names)})
 
 
 def measure_in_memory(scenario: Scenario) -> dict[str, Value]:
@@ -69,14 +18,16 @@ def measure_in_memory(scenario: Scenario) -> dict[str, Value]:
 
     Checks whose window a diverged run did not reach are NaN. Raises InputError if the bench cannot be built.
     """
-    bench = Bench(scenario.parameters_at_start(), seed=scenario.seed)
-    memory, failure = Memory(scenario.checks), None
+    parameters = scenario.parameters_at_start()
+    bench = Bench(parameters, seed=scenario.seed, controller=make_controller(scenario, parameters))
+    memory = Memory(scenario.checks)
+    failure: DivergedError | ControllerError | None = None
     try:
         for block in bench.run(scenario):
             memory.keep(block)
-    except DivergedError as error:
+    except (DivergedError, ControllerError) as error:
         failure = error
-    results = measure(scenario, memory)
+    results = measure(scenario, memory, own_loop=scenario.controller is not None)
     found = ending(scenario, bench.trips, failure).judged(results)
     values = {result.check.name: float(result.value) for result in results}
     return {"status": found.status, "message": found.message, **values}

@@ -13,6 +13,7 @@ import pyarrow.parquet as pq
 
 from cls_bench.analysis import metrics
 from cls_bench.bench import versions
+from cls_bench.claims import replaced
 from cls_bench.errors import OutputError
 from cls_bench.sweep.engine import Row, sources
 from cls_bench.sweep.plan import Plan
@@ -63,7 +64,8 @@ def _column(cells: Sequence[Any]) -> pa.Array:
 def write_table(table: pa.Table, path: Path) -> None:
     """Write Parquet. Raises OutputError."""
     try:
-        pq.write_table(table, path, compression="zstd")
+        with replaced(path) as file:
+            pq.write_table(table, file, compression="zstd")
     except OSError as error:
         raise OutputError(f"cannot write {path}: {error.strerror or error}") from None
 
