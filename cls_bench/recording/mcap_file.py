@@ -45,6 +45,8 @@ class Limits(NamedTuple):
     """bytes of all attachments together"""
     text: int = 16 << 20
     """bytes of all metadata, schemas and channels together"""
+    others: int = 1000
+    """records of a chunk that are no messages"""
     indexes: int = 1 << 20
     """message indexes of all chunks together, for each of which 100 bytes are kept"""
     end_ns: int = 24 * 3600 * 10**9
@@ -532,12 +534,14 @@ def _walked(data: bytes) -> dict[int, Index]:
     """Channel -> times and offsets of the messages, from record to record. Raises DamagedError."""
     offsets: list[int] = []
     length_at = struct.Struct("<Q").unpack_from
-    at, end = 0, len(data)
+    at, end, others = 0, len(data), 0
     while at + _HEAD.size <= end:
         if data[at] == Opcode.MESSAGE:
             offsets.append(at)
-        elif not data[at]:
-            raise DamagedError("its records are damaged")
+        else:
+            others += 1
+            if not data[at] or others > LIMITS.others:
+                raise DamagedError("its records are damaged")
         at += _HEAD.size + length_at(data, at + 1)[0]
     if at != end or (offsets and offsets[-1] + MESSAGE_HEAD_BYTES > end):
         raise DamagedError("its records are damaged")
