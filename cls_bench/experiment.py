@@ -210,6 +210,7 @@ def run(
         measuring = time.perf_counter() - flushed
         recorder.finish(ended.status if ended.status != PASSED else "complete", verdict.status, measured)
         timing = Timing(simulated, time.perf_counter() - start - measuring)
+        progress.advanced(simulated, timing.real_time_factor)
     return Result(
         scenario, verdict.status, checks, recorder.mcap_path, recorder.rrd_path, timing, verdict.message, tuple(events)
     )
