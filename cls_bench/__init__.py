@@ -1,8 +1,9 @@
 """cls-bench: a control loading system test bench without the hardware."""
 
-from typing import TYPE_CHECKING, Any
-
+TYPE_CHECKING = False  # the command line takes over the signals before it imports anything, even typing
 if TYPE_CHECKING:
+    from typing import Any
+
     from cls_bench.bench import Bench, Command, Inputs, OuterLoop
     from cls_bench.experiment import Result, run
     from cls_bench.parameters import Parameters
@@ -23,7 +24,7 @@ __all__ = [
 ]  # fmt: skip
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> "Any":
     # On first use: the command line's --help must not wait for MuJoCo and numba.
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

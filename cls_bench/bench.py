@@ -4,10 +4,11 @@ import math
 import platform
 import threading
 import warnings
+import weakref
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import cached_property
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
 
 import mujoco
 import numpy as np
@@ -16,10 +17,11 @@ from numpy.typing import NDArray
 from cls_bench import tick
 from cls_bench.compiled import JIT, Callback
 from cls_bench.control import plc, servo, tuning, validity
-from cls_bench.errors import BenchError, ControllerError, InputError
+from cls_bench.controllers import failure_of
+from cls_bench.errors import BenchError, ControllerError, ExitCode, InputError, one_line
 from cls_bench.geometry import Geom
 from cls_bench.kinematics import fit_polynomials
-from cls_bench.parameters import DEG, Parameters, leaves, memory_of
+from cls_bench.parameters import Parameters, leaves, memory_of
 from cls_bench.pilot import HandTimeline
 from cls_bench.plant import model as plant_model
 from cls_bench.plant import sensors, state
@@ -32,9 +34,6 @@ from cls_bench.trace import buffers, tables
 
 BLOCK_TICKS = 500 * PLC_TICKS
 """Longest block: 0.2 s. A killed run loses at most this much."""
-
-POLYNOMIAL_MARGIN = 3.0 * DEG
-"""How far beyond the limit switches the PLC's polynomials are fitted [rad]."""
 
 
 class Inputs(NamedTuple):
@@ -77,7 +76,7 @@ class OuterLoop(Protocol):
 class DivergedError(BenchError):
     """The run left all bounds; what was recorded until then stays."""
 
-    exit_code = 3
+    exit_code = ExitCode.DIVERGED
 
     def __init__(self, time: float, cause: str):
         super().__init__(f"diverged at t = {time:.4f} s: {cause}")
@@ -171,9 +170,9 @@ class Bench:
         self._record = memory.view(np.recarray)[0]
         self._watched = tick.Watched(self._numbers, validity.numbers(memory))
         plant_model.set_limb_mass(self.model, parameters.limb.mass)
-        travel = parameters.column.switch_angle + POLYNOMIAL_MARGIN
+        reach = parameters.kinematic_range
         try:
-            polynomials = fit_polynomials(parameters.linkage.four_bar, travel, parameters.plc.polynomial_degree)
+            polynomials = fit_polynomials(parameters.linkage.four_bar, reach, parameters.plc.polynomial_degree)
         except ValueError as error:
             raise InputError(f"parameters.linkage: {error}") from None
         self._constants = tick.Constants(
@@ -318,46 +317,74 @@ def _hear(message: str) -> None:
 class _Asking:
     """Asks a user's outer loop from within the compiled loop."""
 
+    alive: ClassVar["weakref.WeakSet[_Asking]"] = weakref.WeakSet()
+    """All there are, for whoever watches that the user's code comes back."""
+
     def __init__(self, controller: OuterLoop | None, memory: Any):
         self.failure: BaseException | None = None
         """why the loop was stopped"""
+        self.asked = self.answered = -1
+        """tick of the last question and of the last answer"""
         self.ask = Callback(self._ask)
         self._controller = controller
         # Plain arrays: the fields of a record would take longer to reach than all the rest.
         self._plc = memory["plc"][0:1].view(np.float64)
         self._model = memory["feel"][0:1].view(np.float64)
+        if controller is not None:
+            self.alive.add(self)
 
     def _ask(self, at: int) -> int:
         force, torque, angle, velocity = self._plc[:4].tolist()
+        self.asked = at
         try:
             command = _answer(self._controller, Inputs(at * TICK_S, torque, force, angle, velocity))
         except BaseException as error:  # none may pass through the compiled loop, not even Ctrl-C
             self.failure = error
             return 1
+        finally:
+            self.answered = at
         self._plc[4:8] = command
         self._model[[0, 1, 3]] = command.angle, command.velocity, torque
         return 0
 
 
 def _answer(controller: Any, inputs: Inputs) -> Command:
-    """The user's command; ControllerError of one line if there is none that can be used."""
-    where = f"{type(controller).__name__}.step"
+    """The user's command; ControllerError of one line if there is none that can be used, whatever was raised."""
     try:
         answer = controller.step(inputs)
-    except Exception as error:  # whatever a user's object may raise
-        problem = f"{type(error).__name__}: {error}".splitlines()[0]
-        raise ControllerError(f"{where} failed at t = {inputs.time:.4f} s: {problem}") from error
-    try:
-        command = Command(*map(float, answer))
-    except (TypeError, ValueError):
-        command = Command(math.nan)
-    if not all(map(math.isfinite, command)):
-        shown = " ".join(repr(answer).split())
+        command = _command(answer)
+    except BaseException as error:
+        what = f"{type(controller).__name__}.step failed at t = {inputs.time:.4f} s"
+        raise failure_of(what, error) from error
+    if command is None:
+        try:
+            shown = one_line(repr(answer))
+        except BaseException:  # whatever a user's __repr__ may raise
+            shown = f"a {type(answer).__name__}"
         raise ControllerError(
-            f"{where} returned {shown} at t = {inputs.time:.4f} s; "
+            f"{type(controller).__name__}.step returned {shown} at t = {inputs.time:.4f} s; "
             f"a Command of finite numbers is valid: {', '.join(Command._fields)}"
         )
     return command
+
+
+def _command(answer: Any) -> Command | None:
+    """The answer as finite floats; None if it is no Command, or not of numbers."""
+    if type(answer) is Command and set(map(type, answer)) == _FLOATS and math.isfinite(sum(answer)):
+        return answer
+    if not isinstance(answer, (tuple, list, np.ndarray)) or not 1 <= len(answer) <= len(Command._fields):
+        return None
+    numbers = list(answer)
+    if not all(isinstance(x, (int, float, np.integer, np.floating)) and not isinstance(x, bool) for x in numbers):
+        return None
+    try:
+        command = Command(*map(float, numbers))
+    except OverflowError:
+        return None
+    return command if all(map(math.isfinite, command)) else None
+
+
+_FLOATS = {float}
 
 
 def _cycle_start(change: Change) -> int:

@@ -2,23 +2,42 @@
 
 With ``NUMBA_DISABLE_JIT=1`` the same functions run as plain Python; a test holds both together.
 
-Numba's on-disk cache knows only the file a function stands in, not the files it calls. So the cache lives in a
-folder whose name carries a hash of the source files that end up in machine code: a changed law is never run from a
-stale cache, and a change elsewhere compiles nothing. A compiled function outside of these files (as ``verification``
-has them) may call functions of these files and of its own.
+Machine code is kept on disk, in a folder whose name is a hash of all it depends on: the source files that end up in
+machine code, the versions of what compiles them, and numba's settings. So a changed law is never run from a stale
+cache, and a change elsewhere compiles nothing. Numba's own cache knows only the file a function stands in, not the
+files it calls, and goes elsewhere where it cannot write; so it is not used. Where nothing can be kept, all is compiled
+anew in each process.
+
+Each entry carries its checksum: what is damaged is compiled again. And before anything is compiled, the byte code that
+Python loaded is held against the source it should come from: Python takes a file of the same time and size for
+unchanged.
 """
 
 import ctypes
 import hashlib
-from collections.abc import Callable
+import importlib.util
+import os
+import pickle
+import sys
+import tempfile
+import warnings
+from collections.abc import Callable, Iterator
+from functools import cache
+from importlib.machinery import SourceFileLoader
+from importlib.metadata import version
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from types import CodeType
+from typing import Any, NamedTuple, TypeVar, cast
 
 import llvmlite.binding
 import mujoco
 import numba
 import platformdirs
 from numba import types
+from numba.core import caching, compiler
+from numba.core.serialize import dumps
+
+from cls_bench.errors import BenchError, one_line
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -28,39 +47,178 @@ SOURCES = ("control/*.py", "plant/*.py", "compiled.py", "kinematics.py", "parame
 """Files whose functions or constants end up in machine code; a test compares them with what ``tick`` imports."""
 
 
+def _source_files() -> list[Path]:
+    return sorted(path for pattern in SOURCES for path in _PACKAGE.glob(pattern))
+
+
 def source_hash() -> str:
     """Hash of the files that end up in machine code: two installations with the same one run the same loop."""
     digest = hashlib.sha256()
-    for path in sorted(path for pattern in SOURCES for path in _PACKAGE.glob(pattern)):
+    for path in _source_files():
         digest.update(path.relative_to(_PACKAGE).as_posix().encode())
         digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
 
+
+# --- sources and byte code -------------------------------------------------------------------------------------------
+
+
+class _Source(NamedTuple):
+    """A source file as it was when it was first asked about."""
+
+    digest: str
+    code: CodeType
+
+
+@cache
+def _source(path: str) -> _Source:
+    content = Path(path).read_bytes()
+    return _Source(hashlib.sha256(content).hexdigest(), compile(content, path, "exec", dont_inherit=True))
+
+
+def _refuse_stale_byte_code() -> None:
+    """Delete byte code of the hot path that is not of its source; BenchError if some of it is loaded already."""
+    for path in map(str, _source_files()):
+        name = ".".join(("cls_bench", *Path(path).relative_to(_PACKAGE).with_suffix("").parts))
+        try:
+            kept = Path(importlib.util.cache_from_source(path))
+            if not kept.is_file() or SourceFileLoader(name, path).get_code(name) == _source(path).code:
+                continue
+        except (OSError, ValueError, EOFError, TypeError, ImportError, NotImplementedError):
+            continue  # no byte code that Python could have taken
+        try:
+            kept.unlink()
+        except OSError:
+            raise BenchError(f"{kept} is not the byte code of its source, and Python takes it: delete it") from None
+        if name in sys.modules:
+            raise BenchError(f"{path} changed, and Python did not notice; that is mended now: run again")
+
+
+def _check_loaded(function: Callable[..., Any], path: str) -> None:
+    """BenchError if ``function`` is not what its file says."""
+    if function.__code__ not in _codes(_source(path).code):
+        raise BenchError(f"{path} changed while it was being loaded; run again")
+
+
+def _codes(code: CodeType) -> Iterator[CodeType]:
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            yield constant
+            yield from _codes(constant)
+
+
+_refuse_stale_byte_code()
+
+# --- where machine code is kept --------------------------------------------------------------------------------------
 
 _config: Any = numba.config  # its settings are set at run time
 
 JIT = not _config.DISABLE_JIT
 """Whether functions marked :func:`compiled` are machine code."""
 
-_CACHE = Path(_config.CACHE_DIR or platformdirs.user_cache_path("cls-bench")) / source_hash()
-if JIT:
-    _config.CACHE_DIR = str(_CACHE)
+
+def _key() -> str:
+    """Hash of all that machine code depends on; the processor is part of each entry's name."""
+    packages = [f"{name} {version(name)}" for name in ("numba", "llvmlite", "mujoco", "numpy")]
+    apart = ("NUMBA_CACHE_DIR", "NUMBA_DISABLE_JIT", "NUMBA_NUM_THREADS")
+    settings = sorted(f"{k}={v}" for k, v in os.environ.items() if k.startswith("NUMBA_") and k not in apart)
+    python = sys.implementation.cache_tag, sys.version, sys.platform
+    return hashlib.sha256(repr((source_hash(), packages, settings, python)).encode()).hexdigest()[:16]
+
+
+def _folder() -> Path:
+    """The folder; relative where there is no home, and then not used."""
+    return Path(_config.CACHE_DIR or platformdirs.user_cache_path("cls-bench")) / _key()
+
+
+_CACHE = _folder()
+
+
+_rebuild: Any = compiler.CompileResult._rebuild
+_dumps: Any = dumps
+
+
+class _Unkept:
+    """Whether it was said that machine code cannot be kept."""
+
+    said = False
+
+
+class _Cache(caching.NullCache):
+    """Keeps the machine code of one function, an entry for each of its signatures."""
+
+    def __init__(self, function: Callable[..., Any], path: str):
+        self._name = f"{Path(path).stem}.{function.__qualname__}".replace("<", "").replace(">", "")
+        self._function = path, _source(path).digest, function.__qualname__, function.__code__.co_firstlineno
+
+    @property
+    def cache_path(self) -> str:
+        """The folder."""
+        return str(_CACHE)
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """The machine code for a signature, or None if it is to be compiled."""
+        target_context.refresh()
+        entry = self._entry(sig, target_context.codegen())
+        try:
+            content = entry.read_bytes()
+            if hashlib.sha256(content[32:]).digest() != content[:32]:
+                return None
+            return _rebuild(target_context, *pickle.loads(content[32:]))
+        except Exception:  # whatever is wrong with it, it can be made anew
+            return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep it; where that cannot be done, say so once."""
+        if data.lifted or data.library.has_dynamic_globals:
+            return
+        try:
+            if not _CACHE.is_absolute():
+                raise OSError(None, "there is no home folder")
+            payload: bytes = _dumps(data._reduce())
+            _CACHE.mkdir(parents=True, exist_ok=True)
+            with tempfile.NamedTemporaryFile(dir=_CACHE, suffix=".tmp", delete=False) as file:
+                try:
+                    file.write(hashlib.sha256(payload).digest() + payload)
+                    file.close()
+                    Path(file.name).replace(self._entry(sig, data.codegen))
+                except BaseException:
+                    Path(file.name).unlink(missing_ok=True)
+                    raise
+        except OSError as error:
+            if not _Unkept.said:
+                _Unkept.said = True
+                warnings.warn(
+                    f"machine code cannot be kept in {_CACHE} ({one_line(error.strerror or error)}): it is compiled "
+                    "anew in each run", stacklevel=2,
+                )  # fmt: skip
+
+    def _entry(self, sig: Any, codegen: Any) -> Path:
+        about = repr((self._function, sig, codegen.magic_tuple()))
+        return _CACHE / f"{self._name}-{hashlib.sha256(about.encode()).hexdigest()[:32]}.bin"
 
 
 def is_cached() -> bool:
     """Whether an earlier run of these very sources left the loop's machine code behind."""
-    return not JIT or any(_CACHE.rglob("tick.advance-*.nbi"))
+    return not JIT or any(_CACHE.glob("tick.advance-*.bin"))
 
 
 def compiled(function: F) -> F:
-    """Compile ``function`` to machine code (cached, without the GIL); unchanged when numba's JIT is off.
+    """Compile ``function`` to machine code (kept, without the GIL); unchanged when numba's JIT is off.
 
     The function cannot allocate arrays or texts: so nothing is counted when arrays are handed on. And it is always
     inlined: the plant's views of MuJoCo's memory would be copied to the stack at each call. Both together would cost a
-    tick three times what its laws do.
+    tick three times what its laws do. Raises BenchError if Python loaded it from anything but its source file.
     """
+    path = function.__code__.co_filename
+    known = Path(path).is_file()
+    if known:
+        _check_loaded(function, path)
     njit: Any = numba.njit  # its types do not know all of its options
-    return cast(F, njit(cache=True, nogil=True, error_model="numpy", forceinline=True, _nrt=False)(function))
+    made = njit(nogil=True, error_model="numpy", forceinline=True, _nrt=False)(function)
+    if JIT and known:
+        made._cache = _Cache(function, path)
+    return cast(F, made)
 
 
 class Callback(types.WrapperAddressProtocol):

@@ -1,22 +1,28 @@
 """One experiment from scenario to verdict: run the bench, record, measure."""
 
 import datetime as dt
+import hashlib
+import inspect
 import math
 import subprocess
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from cls_bench import interrupts
 from cls_bench.analysis import metrics
 from cls_bench.analysis.memory import Memory
 from cls_bench.analysis.window import Source, Window, holds_all
 from cls_bench.bench import Bench, DivergedError, OuterLoop, versions
 from cls_bench.claims import claim_stem, file_name
 from cls_bench.compiled import is_cached
-from cls_bench.errors import BenchError, ControllerError, InputError
+from cls_bench.controllers import Controller, Place
+from cls_bench.errors import BenchError, ControllerError, ExitCode, InputError, Interrupted
+from cls_bench.parameters import Parameters
 from cls_bench.recording import Recorder, Recording, RunInfo
+from cls_bench.recording.recorder import COMPLETE
 from cls_bench.run_log import Trip
 from cls_bench.scenario import Check, ExpectedTrip, Scenario, load_scenario, tick_of
 from cls_bench.signals import Event
@@ -26,7 +32,10 @@ RECORDINGS = Path("recordings")
 
 PASSED, FAILED, DIVERGED, TRIPPED = "passed", "failed", "diverged", "tripped"
 CONTROLLER_FAILED = "controller_failed"
-EXIT_CODES = {PASSED: 0, FAILED: 1, DIVERGED: 3, TRIPPED: 4, CONTROLLER_FAILED: 5}
+EXIT_CODES: dict[str, int] = {
+    PASSED: ExitCode.PASSED, FAILED: ExitCode.FAILED, DIVERGED: ExitCode.DIVERGED, TRIPPED: ExitCode.TRIPPED,
+    CONTROLLER_FAILED: ExitCode.CONTROLLER,
+}  # fmt: skip
 """Statuses of a run, with the exit code of the command line."""
 
 
@@ -106,12 +115,14 @@ class Result:
             "scenario": self.scenario.name,
             "status": self.status,
             **({"message": self.message} if self.message else {}),
-            "metrics": {r.check.name: {"value": _finite(r.value), "unit": r.unit} for r in self.checks},
+            "metrics": {
+                r.check.name: {"value": _finite(r.value), "unit": r.unit, **_why(r)} for r in self.checks
+            },
             "checks": [
                 {
                     "name": r.check.name, "metric": r.check.metric, "window": list(r.check.window),
                     "value": _finite(r.value), "unit": r.unit, "min": r.check.min, "max": r.check.max,
-                    "passed": r.passed,
+                    "passed": r.passed, **_why(r),
                 }
                 for r in self.checks if r.judged
             ],
@@ -128,6 +139,10 @@ class Result:
         }  # fmt: skip
 
 
+def _why(result: CheckResult) -> dict[str, str]:
+    return {"note": result.note} if result.note else {}
+
+
 def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
@@ -138,6 +153,9 @@ class Progress:
     def compiling(self) -> None:
         """Called before the first run compiles the loop, which happens once."""
 
+    def recording(self, mcap: Path) -> None:
+        """Called when the recording's file is there."""
+
     def advanced(self, simulated_s: float, real_time_factor: float) -> None:
         """Called after every block."""
 
@@ -145,6 +163,8 @@ class Progress:
 def validate(scenario: Scenario) -> None:
     """Raise InputError unless the bench can be built and all checks can be measured."""
     _check_metrics(scenario)
+    if scenario.controller_place is not None:
+        scenario.controller_place.check()
     Bench(scenario.parameters_at_start(), seed=scenario.seed)
 
 
@@ -163,13 +183,16 @@ def run(
     seed: int | None = None,
     set: Sequence[str] = (),
     rerun: bool = True,
-    controller: OuterLoop | None = None,
+    controller: OuterLoop | str | Place | None = None,
     progress: Progress | None = None,
 ) -> Result:
     """Run a scenario, shipped by name, from a file or as an object; record it in the folder ``out``; measure it.
 
-    ``seed`` and ``set`` (``KEY=VALUE``) override the file's values; ``controller`` replaces the feel model. Raises
-    InputError and OutputError; a run that diverges is a Result with that status, its recording ends there.
+    ``seed`` and ``set`` (``KEY=VALUE``) override the file's values. ``controller`` replaces the feel model, or the
+    scenario's own controller: an object, or ``"FILE.py:NAME"``, ``"package.module:NAME"``, or a
+    :class:`~cls_bench.controllers.Place` with arguments. Raises InputError and OutputError, and ControllerError if a
+    controller cannot be made. A run that diverges, or whose controller fails, is a Result with that status; its
+    recording ends there.
     """
     if not isinstance(scenario, Scenario):
         scenario = load_scenario(scenario, seed=seed, set=set)
@@ -177,40 +200,56 @@ def run(
         raise InputError("seed and set override the values of a file; this scenario is loaded already")
     progress = progress or Progress()
     _check_metrics(scenario)
-    bench = Bench(scenario.parameters_at_start(), seed=scenario.seed, controller=controller)
-    failure: BenchError | None = None
-    events: list[Event] = []
+    parameters = scenario.parameters_at_start()
+    loop, about = _controller(scenario, parameters, controller)
+    bench = Bench(parameters, seed=scenario.seed, controller=loop)
+    if not is_cached():
+        progress.compiling()
+    bench.compile()
     topics = scenario.record.topics()
     memory = None if holds_all(topics) else Memory(scenario.checks)
-    stem = _claimed(Path(out), scenario, rerun=rerun)
-    with Recorder(
-        stem, run_info(scenario, bench), rerun=rerun, topics=topics, poses=scenario.record.poses
-    ) as recorder:  # fmt: skip
-        if not is_cached():
-            progress.compiling()
-        bench.compile()
-        start = time.perf_counter()
-        simulated = 0.0
-        try:
-            for block in bench.run(scenario):
-                recorder.write(block)
-                events += (event for event in block.events if event.level != "info")
-                if memory is not None:
-                    memory.keep(block)
-                simulated = bench.time
-                progress.advanced(recorder.written_s, simulated / (time.perf_counter() - start))
-        except (DivergedError, ControllerError) as error:
-            failure = error
-        recorder.flush()
-        flushed = time.perf_counter()
-        checks = measure(scenario, memory or Recording(recorder.mcap_path, unfinished=True))
-        ended = ending(scenario, bench.trips, failure)
-        verdict = ended.judged(checks)
-        measured = {result.check.name: _finite(result.value) for result in checks}
-        measuring = time.perf_counter() - flushed
-        recorder.finish(ended.status if ended.status != PASSED else "complete", verdict.status, measured)
-        timing = Timing(simulated, time.perf_counter() - start - measuring)
-        progress.advanced(simulated, timing.real_time_factor)
+    failure: BenchError | None = None
+    events: list[Event] = []
+    simulated, recorder = 0.0, None
+    try:
+        # A signal is noted while the files are open, and raised between two blocks.
+        with (
+            interrupts.held(),
+            Recorder(
+                _claimed(Path(out), scenario, rerun=rerun), run_info(scenario, bench, about), rerun=rerun,
+                topics=topics, poses=scenario.record.poses,
+            ) as recorder,
+        ):  # fmt: skip
+            progress.recording(recorder.mcap_path)
+            start = time.perf_counter()
+            try:
+                for block in bench.run(scenario):
+                    recorder.write(block)
+                    events += (event for event in block.events if event.level != "info")
+                    if memory is not None:
+                        memory.keep(block)
+                    simulated = bench.time
+                    progress.advanced(recorder.written_s, simulated / (time.perf_counter() - start))
+                    interrupts.check()
+            except (DivergedError, ControllerError) as error:
+                failure = error
+            recorder.flush()
+            flushed = time.perf_counter()
+            source = memory or Recording(recorder.mcap_path, unfinished=True)
+            checks = measure(scenario, source, own_loop=loop is not None)
+            ended = ending(scenario, bench.trips, failure)
+            verdict = ended.judged(checks)
+            measuring = time.perf_counter() - flushed
+            recorder.finish(
+                ended.status if ended.status != PASSED else COMPLETE, verdict.status,
+                {result.check.name: _finite(result.value) for result in checks},
+            )  # fmt: skip
+            timing = Timing(simulated, time.perf_counter() - start - measuring)
+            progress.advanced(simulated, timing.real_time_factor)
+    except KeyboardInterrupt:
+        if recorder is None:
+            raise
+        raise Interrupted(f"interrupted at t = {simulated:g} s; kept: {recorder.mcap_path}") from None
     return Result(
         scenario, verdict.status, checks, recorder.mcap_path, recorder.rrd_path, timing, verdict.message, tuple(events)
     )
@@ -253,30 +292,79 @@ def _is_expected(trip: Trip, entry: ExpectedTrip) -> bool:
     return entry.reason in ("any", trip.reason) and tick_of(entry.window[0]) <= trip.tick <= tick_of(entry.window[1])
 
 
-def measure(scenario: Scenario, recording: Source) -> tuple[CheckResult, ...]:
-    """Evaluate the scenario's checks on a recording of it, or on samples kept in memory."""
+FEEL_MODEL = "feel model"
+"""What a recording calls the controller of a run without one of the user's own."""
+
+
+def make_controller(scenario: Scenario, parameters: Parameters) -> OuterLoop | None:
+    """A fresh object of the controller that the scenario names; None for the feel model."""
+    place = scenario.controller_place
+    loop: OuterLoop | None = None if place is None else Controller(place).make(parameters)
+    return loop
+
+
+def _controller(
+    scenario: Scenario, parameters: Parameters, given: OuterLoop | str | Place | None
+) -> tuple[OuterLoop | None, dict[str, bytes | str]]:
+    """The outer loop of a run, and what the recording says of it: its text under ``controller.py``, else metadata."""
+    place = scenario.controller_place if given is None else given
+    if isinstance(place, str):
+        place = Place(place, key="controller")
+    if isinstance(place, Place):
+        found = Controller(place)
+        return found.make(parameters), {**found.metadata, CONTROLLER_FILE: found.text}
+    if place is None:
+        return None, {"controller.name": FEEL_MODEL}
+    return place, {"controller.name": type(place).__name__, **_source_of(type(place))}
+
+
+CONTROLLER_FILE = "controller.py"
+"""Attachment with the source of the user's controller."""
+
+
+def _source_of(kind: type) -> dict[str, bytes | str]:
+    """Where the class of an object was written, as far as that is known."""
+    try:
+        path = Path(inspect.getfile(kind))
+        text = path.read_bytes()
+    except (OSError, TypeError):
+        return {}
+    return {
+        "controller.source": path.name, "controller.sha256": hashlib.sha256(text).hexdigest(), CONTROLLER_FILE: text,
+    }  # fmt: skip
+
+
+def measure(scenario: Scenario, recording: Source, *, own_loop: bool = False) -> tuple[CheckResult, ...]:
+    """Evaluate the scenario's checks on a recording of it, or on samples kept in memory.
+
+    ``own_loop`` says that a user's outer loop ran instead of the feel model.
+    """
     windows: dict[tuple[float, float], Window] = {}
     results = []
     for check in scenario.checks:
         if check.window not in windows:
             start, end = check.window
-            windows[check.window] = Window(recording, start, end, scenario.parameters_at(start))
-        value, note = metrics.measured(check, windows[check.window])
+            windows[check.window] = Window(
+                recording, start, end, scenario.parameters_at(start), idle=scenario.idle(start, end), own_loop=own_loop
+            )
+        value, note = metrics.evaluate(check, windows[check.window])
         results.append(CheckResult(check, value, metrics.unit(check), note))
     return tuple(results)
 
 
-def run_info(scenario: Scenario, bench: Bench) -> RunInfo:
-    """What the recording says of a run besides its samples."""
+def run_info(scenario: Scenario, bench: Bench, controller: Mapping[str, bytes | str]) -> RunInfo:
+    """What the recording says of a run besides its samples; ``controller`` is what it says of the controller."""
+    files = {name: content for name, content in controller.items() if isinstance(content, bytes) and content}
+    about = {name: text for name, text in controller.items() if isinstance(text, str)}
     return RunInfo(
         scenario_name=scenario.name,
         scenario_toml=scenario.source,
-        mjcf={**bench.mjcf, **scenario.sample_files},
+        mjcf={**bench.mjcf, **scenario.sample_files, **files},
         parameters=bench.parameters.model_dump(),
         metadata={
             "title": scenario.title, "seed": str(scenario.seed), "overrides": "\n".join(scenario.overrides),
             **({"notes": "\n".join(scenario.notes)} if scenario.notes else {}),
-            "units": "SI; radians", "commit": _commit(), **versions(),
+            "units": "SI; radians", "commit": _commit(), **about, **versions(),
         },
         wall_start=dt.datetime.now(dt.UTC).isoformat(timespec="milliseconds"),
         body_names=bench.body_names,

@@ -70,7 +70,7 @@ def test_run_prints_a_table_and_where_the_recordings_lie(short: Path, tmp_path: 
 def test_json_is_one_object_with_all_that_was_promised(short: Path, tmp_path: Path) -> None:
     result = call("run", short, "--out", tmp_path / "out", "--no-rerun", "--json")
     answer = json.loads(result.stdout)
-    assert list(answer) == ["scenario", "status", "metrics", "checks", "recordings", "timing"]
+    assert list(answer) == ["scenario", "status", "metrics", "checks", "events", "recordings", "timing"]
     assert answer["scenario"] == "short"
     assert answer["status"] == "passed"
     assert answer["metrics"]["peak"]["unit"] == "rad"

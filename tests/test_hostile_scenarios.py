@@ -99,10 +99,10 @@ TEXTS: dict[str, Callable[[], str]] = {
 @pytest.mark.parametrize("name", TEXTS)
 def test_a_hostile_text_is_refused_at_once(name: str) -> None:
     text = TEXTS[name]()
-    begun = time.monotonic()
+    begun = time.process_time()
     with pytest.raises(InputError) as caught:
         validate(parse_scenario(text))
-    assert time.monotonic() - begun < 1.0
+    assert time.process_time() - begun < 1.0
     message = str(caught.value)
     assert message.isprintable()
     assert len(message) < 1200
@@ -145,10 +145,10 @@ OVERRIDES: dict[str, str] = {
 
 @pytest.mark.parametrize("name", OVERRIDES)
 def test_a_hostile_override_is_refused_at_once(name: str) -> None:
-    begun = time.monotonic()
+    begun = time.process_time()
     with pytest.raises(InputError) as caught:
         parse_scenario(HEAD, set=[OVERRIDES[name]])
-    assert time.monotonic() - begun < 1.0
+    assert time.process_time() - begun < 1.0
     message = str(caught.value)
     assert message.isprintable()
     assert "--set" in message
@@ -180,10 +180,10 @@ def test_a_hostile_sweep_is_refused_at_once(tmp_path: Path, name: str) -> None:
     text, said = SWEEPS[name]
     path = tmp_path / "sweep.toml"
     path.write_text(SWEEP + text)
-    begun = time.monotonic()
+    begun = time.process_time()
     with pytest.raises(InputError) as caught:
         load_sweep(path)
-    assert time.monotonic() - begun < 1.0
+    assert time.process_time() - begun < 1.0
     message = str(caught.value)
     assert message.isprintable()
     assert said in message
@@ -235,7 +235,7 @@ def fuzz(count: int, seed: int) -> dict[str, int]:
     tally = {"valid": 0, "refused": 0}
     for number in range(count):
         text = mutated(rng.choice(sources), rng)
-        begun = time.monotonic()
+        begun = time.process_time()
         try:
             validate(parse_scenario(text, name="fuzz"))
             tally["valid"] += 1
@@ -245,7 +245,7 @@ def fuzz(count: int, seed: int) -> dict[str, int]:
             tally["refused"] += 1
         except Exception as error:
             raise AssertionError(f"{number}: {type(error).__name__}: {error}\n{text}") from error
-        assert time.monotonic() - begun < 1.0, (number, text)
+        assert time.process_time() - begun < 1.0, (number, text)
     return tally
 
 

@@ -62,10 +62,17 @@ class Window:
     rate = 1.0 / PLC_S
     """Sampling rate [Hz]."""
 
-    def __init__(self, source: Source, start: float, end: float, parameters: Parameters):
+    def __init__(
+        self, source: Source, start: float, end: float, parameters: Parameters, *,
+        idle: str = "", own_loop: bool = False,
+    ):  # fmt: skip
         self._source = source
         self.start, self.end = start, end
         self.parameters = parameters
+        self.idle = idle
+        """why the column is not meant to follow the feel model, at least for a part; empty if it is"""
+        self.own_loop = own_loop
+        """whether a user's own outer loop ran instead of the feel model"""
         self.flaws: list[str] = []
         """what is wrong with the signals that were looked at, a line each"""
         self._first, last = (-(-round(time / TICK_S) // PLC_TICKS) for time in (start, end))
@@ -114,19 +121,26 @@ class Window:
             raise InputError(f"{topic} was recorded at {1 / (ticks * TICK_S):g} Hz, not at {self.rate:g} Hz")
         series = self._source.read(topic, [name], self.start, self.end, PLC_TICKS // ticks)
         values = series.values[name]
+        there = np.ones(self.rows, np.bool_)
         if len(values) != self.rows:
-            whole = np.full(self.rows, np.nan)
-            whole[np.round(series.time / PLC_S).astype(np.int64) - self._first] = values
+            rows = np.round(series.time / PLC_S).astype(np.int64) - self._first
+            whole, there = np.full(self.rows, np.nan), np.zeros(self.rows, np.bool_)
+            whole[rows], there[rows] = values, True
             values = whole
-        sound = np.abs(values) <= LARGEST
+        sound = there & (np.abs(values) <= LARGEST)
         if sound.all():
             return values, ""
-        first = self._first + int(np.flatnonzero(~sound)[0])
-        missing = np.isnan(values[first - self._first])
-        what = "is missing" if missing else "is no number that a bench may have"
-        lost = np.count_nonzero(~sound)
-        flaw = f"{signal} {what} at {first * PLC_S:g} s, {lost} of {self.rows} samples"
-        return np.where(sound, values, np.nan), flaw
+        return np.where(sound, values, np.nan), self._flaw(signal, values, there, sound)
+
+    def _flaw(self, signal: str, values: Array, there: NDArray[np.bool_], sound: NDArray[np.bool_]) -> str:
+        """What is wrong with samples of which some are not ``there``, or there but not ``sound``."""
+        first = int(np.flatnonzero(~sound)[0])
+        if not there[first:].any():
+            ended = f"at {(self._first + first - 1) * PLC_S:.4f} s" if first else "before it began"
+            return f"the samples end {ended}, the window at {self.end:g} s"
+        what = "missing" if not there[first] else "beyond all bounds" if np.isfinite(values[first]) else "not finite"
+        lost = f"{np.count_nonzero(~sound)} of {self.rows} samples"
+        return f"{signal} is {what} at {(self._first + first) * PLC_S:.4f} s, {lost}"
 
 
 def holds_all(topics: Sequence[Topic]) -> bool:

@@ -1,24 +1,34 @@
 """run, list, validate, schema."""
 
+import dataclasses
 import json
+import time
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from cls_bench.cli.output import print_notes, print_result, print_table, print_term, progress_bar
-from cls_bench.errors import InputError
+from cls_bench.cli.failures import say
+from cls_bench.cli.options import SEED, GivenController, controller_options
+from cls_bench.cli.output import print_json, print_notes, print_result, print_table, print_term, progress_bar
+from cls_bench.errors import one_line
+
+if TYPE_CHECKING:
+    from cls_bench.cli.worker import Limits
+    from cls_bench.controllers import Place
+    from cls_bench.experiment import Progress, Result
+    from cls_bench.scenario import Scenario
 
 
 @click.command()
 @click.argument("scenario", metavar="NAME_OR_FILE")
 @click.option("--out", type=click.Path(path_type=Path), default=Path("recordings"), show_default=True,
               help="Folder for the recordings.")  # fmt: skip
-@click.option("--seed", type=click.IntRange(0), help="Seed of the sensors' noise, instead of the scenario's.")
+@click.option("--seed", type=SEED, help="Seed of the sensors' noise, instead of the scenario's.")
 @click.option("--set", "overrides", metavar="KEY=VALUE", multiple=True,
               help="Override a parameter, such as feel.inertia=0.25; may be given again.")  # fmt: skip
-@click.option("--controller", metavar="FILE.py:NAME",
-              help="Your own outer loop instead of the feel model: NAME() is called once for the object.")  # fmt: skip
+@controller_options
 @click.option("--rerun/--no-rerun", default=True, help="Also write a Rerun file (.rrd).  [default: rerun]")
 @click.option("--signals", metavar="/TOPIC.NAME,…", multiple=True,
               help="Record these signals only, such as /column.angle,/load_cell.*; checks are measured all the same.")
@@ -33,7 +43,7 @@ def run(
     out: Path,
     seed: int | None,
     overrides: tuple[str, ...],
-    controller: str | None,
+    controller: GivenController,
     rerun: bool,
     signals: tuple[str, ...],
     rate: float | None,
@@ -47,11 +57,16 @@ def run(
 
     loaded = load_scenario(scenario, seed=seed, set=(*overrides, *_record(signals, rate, poses)))
     print_notes(loaded)
+    place = controller.of(loaded)
     with progress_bar(loaded.duration, quiet=as_json) as progress:
-        loop = load_controller(controller) if controller else None
-        result = experiment.run(loaded, out=out, rerun=rerun or view, controller=loop, progress=progress)
+        if place is None:
+            result = experiment.run(loaded, out=out, rerun=rerun or view, progress=progress)
+        else:
+            result = _run_with_controller(loaded, place, controller.limits, out, rerun or view, progress)
+    if result.status == experiment.CONTROLLER_FAILED:
+        say(f"error: {one_line(result.message)}")
     if as_json:
-        click.echo(json.dumps(result.to_json(), indent=2, ensure_ascii=False, allow_nan=False))
+        print_json(result.to_json())
     else:
         print_result(result)
     if view:
@@ -68,23 +83,69 @@ def _record(signals: tuple[str, ...], rate: float | None, poses: bool | None) ->
     return [f"record.{key}={json.dumps(value)}" for key, value in given.items() if value is not None]
 
 
-def load_controller(place: str) -> Any:
-    """The object that NAME of ``FILE.py:NAME`` makes; InputError where there is none."""
-    import runpy
+def _run_with_controller(
+    scenario: "Scenario", place: "Place", limits: "Limits", out: Path, rerun: bool, progress: "Progress"
+) -> "Result":
+    """As :func:`experiment.run`, the controller in a process of its own."""
+    from cls_bench import experiment
+    from cls_bench.analysis.window import holds_all
+    from cls_bench.cli.supervisor import ControllerEndedError, supervised
+    from cls_bench.errors import ControllerError, Interrupted
+    from cls_bench.recording import Recording
+    from cls_bench.recording.closing import close_cut
 
-    file, colon, name = place.rpartition(":")
-    if not colon or not Path(file).is_file():
-        raise InputError(f"--controller {place}: no such file; give FILE.py:NAME")
+    began: list[Path] = []
+    simulated, start = 0.0, time.perf_counter()
+
+    def tell(what: str, *values: Any) -> None:
+        nonlocal simulated, start
+        if what == "recording":
+            began.append(values[0])
+            start = time.perf_counter()
+        elif what == "advanced":
+            simulated = values[0]
+        getattr(progress, what)(*values)
+
     try:
-        names = runpy.run_path(file)
-        if not callable(names.get(name)):
-            made = [key for key, value in names.items() if isinstance(value, type) and value.__module__ == "<run_path>"]
-            raise InputError(f"--controller {place}: {file} defines no {name}; it has {', '.join(made) or 'no class'}")
-        return names[name]()
-    except InputError:
-        raise
-    except Exception as error:  # whatever a user's file may raise
-        raise InputError(f"--controller {place}: {type(error).__name__}: {error}") from None
+        result: Result = supervised(_run_job, scenario, place, out.absolute(), rerun, limits=limits, tell=tell)
+    except ControllerEndedError as error:
+        if not began:
+            raise
+        close_cut(began[0], experiment.CONTROLLER_FAILED)
+        checks = experiment.measure(scenario, Recording(began[0]), own_loop=True)
+        timing = experiment.Timing(simulated, time.perf_counter() - start)
+        rrd = began[0].with_suffix(".rrd")
+        message = f"{error}; what it did after t = {simulated:g} s is lost"
+        result = experiment.Result(
+            scenario, experiment.CONTROLLER_FAILED, checks, began[0], rrd if rrd.exists() else None, timing, message
+        )
+    except Interrupted as error:
+        if began and close_cut(began[0], "interrupted"):  # it had to be killed
+            raise Interrupted(f"interrupted at t = {simulated:g} s; kept: {began[0]}") from None
+        raise error
+    else:
+        whole = holds_all(scenario.record.topics())
+        measured = experiment.measure(scenario, Recording(result.mcap), own_loop=True) if whole else result.checks
+        if repr([check.value for check in measured]) != repr([check.value for check in result.checks]):
+            raise ControllerError(f"the controller changed cls-bench itself: its values are not those of {result.mcap}")
+    if out.is_absolute():
+        return result
+    rrd_shown = out / result.rrd.name if result.rrd else None
+    return dataclasses.replace(result, mcap=out / result.mcap.name, rrd=rrd_shown)
+
+
+def _run_job(tell: Callable[..., None], scenario: "Scenario", place: "Place", out: Path, rerun: bool) -> "Result":
+    """In the worker: the run, telling how far it is."""
+    from cls_bench import experiment
+
+    class Told(experiment.Progress):
+        def recording(self, mcap: Path) -> None:
+            tell("recording", mcap)
+
+        def advanced(self, simulated_s: float, real_time_factor: float) -> None:
+            tell("advanced", simulated_s, real_time_factor)
+
+    return experiment.run(scenario, out=out, rerun=rerun, controller=place, progress=Told())
 
 
 @click.command(name="list")
@@ -142,4 +203,4 @@ def schema() -> None:
     """Print the JSON schema of the scenario file, for editors."""
     from cls_bench.scenario import scenario_schema
 
-    click.echo(json.dumps(scenario_schema(), indent=2, ensure_ascii=False))
+    print_json(scenario_schema())

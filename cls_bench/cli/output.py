@@ -1,5 +1,8 @@
 """What the commands print: tables, results, progress."""
 
+import json
+import math
+import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,6 +15,19 @@ from cls_bench.text import printable
 if TYPE_CHECKING:
     from cls_bench.experiment import Progress, Result
     from cls_bench.scenario import Scenario
+
+
+def print_json(found: Any) -> None:
+    """One JSON object, whole or not at all; in ASCII where the terminal takes no more."""
+    from cls_bench import interrupts
+
+    text = json.dumps(found, indent=2, ensure_ascii=False, allow_nan=False)
+    try:
+        text.encode(getattr(sys.stdout, "encoding", None) or "utf-8")
+    except UnicodeEncodeError:
+        text = json.dumps(found, indent=2, allow_nan=False)
+    with interrupts.held():
+        click.echo(text)
 
 
 def make_console() -> Any:
@@ -68,6 +84,10 @@ def print_result(result: "Result") -> None:
         verdict = Text("") if not r.judged else Text("passed", "green") if r.passed else Text("FAILED", "bold red")
         table.add_row(Text(r.check.name), number(r.value), r.unit, limits, verdict)
     console.print(table)
+    for r in result.checks:
+        if r.note:
+            what = "not measured: " if math.isnan(r.value) else ""
+            console.print(Text(f"{r.check.name}: {what}{r.note}"), soft_wrap=True)
     _print_events(result)
     style = "green" if result.status == "passed" else "bold red"
     status = result.status.upper().replace("_", " ")

@@ -7,10 +7,13 @@ from pathlib import Path
 
 import click
 
-from cls_bench.errors import InputError
+from cls_bench.cli.options import TIME, FiniteRange
+from cls_bench.errors import InputError, Interrupted
 from cls_bench.text import printable
 
 _RECORDING = click.Path(path_type=Path)
+SPEED = FiniteRange(1e-3, 1e3)
+"""Of a video [times real time]."""
 
 
 @click.command()
@@ -53,7 +56,7 @@ def say_doubts(path: Path, doubts: Sequence[str]) -> None:
 @click.option("--signal", "signals", multiple=True, metavar="/TOPIC.NAME",
               help="Signal to lay over each other; may be given again.  "
                    "[default: column angle, load cell torque, motor torque]")  # fmt: skip
-@click.option("--window", nargs=2, type=click.FloatRange(0), metavar="START END", help="Times to compare [s].")
+@click.option("--window", nargs=2, type=TIME, metavar="START END", help="Times to compare [s].")
 @click.option("--out", type=click.Path(path_type=Path), default=Path("reports"), show_default=True,
               help="Folder for the page.")  # fmt: skip
 def compare(first: Path, second: Path, signals: tuple[str, ...], window: tuple[float, float] | None, out: Path) -> None:
@@ -80,6 +83,8 @@ def compare(first: Path, second: Path, signals: tuple[str, ...], window: tuple[f
     for title, header, rows, none in (
         ("Metrics", ("metric", "unit", "A", "B", "B − A", "change"), metrics, "They measure nothing in common."),
         ("Parameters that differ", ("parameter", "A", "B", "unit"), changed, "All parameters are the same."),
+        ("Controllers that differ", ("controller", "A", "B"), comparison.controller_differences(a, b),
+         "The same controller ran."),
     ):
         sections.append(page.Section(title, "" if rows else none, (header, *rows) if rows else ()))
         if rows:
@@ -118,7 +123,12 @@ def gallery(out: Path, recordings: Path | None) -> None:
         for name in shipped_scenarios():
             scenario = load_scenario(name)
             with progress_bar(scenario.duration, quiet=False) as progress:
-                result = experiment.run(scenario, out=recordings or Path(folder), rerun=False, progress=progress)
+                try:
+                    result = experiment.run(scenario, out=recordings or Path(folder), rerun=False, progress=progress)
+                except Interrupted:
+                    if recordings is not None:
+                        raise
+                    raise Interrupted("interrupted; nothing is kept without --recordings") from None
             click.echo(f"{name}: {result.status}")
             runs.append(RecordedRun(result.mcap))
         click.echo(write_gallery(runs, results_folder(out, began)))
@@ -126,11 +136,11 @@ def gallery(out: Path, recordings: Path | None) -> None:
 
 @click.command()
 @click.argument("recording", type=_RECORDING)
-@click.option("--at", type=click.FloatRange(0), help="Time of the still [s].  [default: the middle]")
+@click.option("--at", type=TIME, help="Time of the still [s].  [default: the middle]")
 @click.option("--video", is_flag=True, help="An MP4 of the whole run instead of a still.")
-@click.option("--from", "start", type=click.FloatRange(0), default=0.0, help="Start of the video [s].")
-@click.option("--to", "end", type=click.FloatRange(0), help="End of the video [s].")
-@click.option("--speed", type=click.FloatRange(0.001, 1000), default=1.0, show_default=True,
+@click.option("--from", "start", type=TIME, default=0.0, help="Start of the video [s].")
+@click.option("--to", "end", type=TIME, help="End of the video [s].")
+@click.option("--speed", type=SPEED, default=1.0, show_default=True,
               help="How many times as fast as the run the video plays.")  # fmt: skip
 @click.option("--camera", default="bench", show_default=True, help="bench, side, pilot or drive.")
 @click.option("--size", nargs=2, type=click.IntRange(16, 7680), default=(1280, 800), show_default=True,

@@ -2,7 +2,6 @@
 
 import csv
 import dataclasses
-import json
 import math
 import time
 from collections.abc import Callable
@@ -11,15 +10,21 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cls_bench.cli.output import number, print_table, results_folder
+from cls_bench.cli.failures import say
+from cls_bench.cli.options import FINITE, SEED, FiniteRange, GivenController, controller_options
+from cls_bench.cli.output import number, print_json, print_table, results_folder
 from cls_bench.cli.sweep import points_progress
-from cls_bench.errors import InputError, OutputError
+from cls_bench.errors import ExitCode, InputError, Interrupted, OutputError
 
 if TYPE_CHECKING:
     from cls_bench.analysis.frequency import FrequencyResponse
-    from cls_bench.analysis.variation import Setup
-    from cls_bench.stability.loops import MakeLoop
+    from cls_bench.analysis.variation import Setup, Variation
+    from cls_bench.controllers import Place
+    from cls_bench.stability.onset import Onset
     from cls_bench.stability.trial import Standard
+
+HERTZ = FiniteRange(0, 1e4, min_open=True)
+"""A frequency [Hz]."""
 
 _LOOPS = ("velocity-loop", "position-loop", "outer-loop", "rendered-admittance")
 
@@ -38,22 +43,16 @@ def _setup_options(function: Callable[..., Any]) -> Callable[..., Any]:
 
 def _trial_options(function: Callable[..., Any]) -> Callable[..., Any]:
     for option in (
-        click.option("--rate-deg", type=click.FloatRange(0), metavar="DEG/S",
+        click.option("--rate-deg", type=FiniteRange(0), metavar="DEG/S",
                      help="Rate at which the hand moves the column during a trial; 0 holds still.  [default: 20, "
                           "with --ideal 0]"),
-        click.option("--pulse", type=click.FloatRange(0, min_open=True), metavar="RAD/S²",
+        click.option("--pulse", type=FiniteRange(0, min_open=True), metavar="RAD/S²",
                      help="Acceleration that the disturbing pulse gives the feel model for 10 ms.  [default: 35, "
                           "with --ideal 5]"),
-        click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of the noise."),
+        click.option("--seed", type=SEED, default=0, show_default=True, help="Seed of the noise."),
     ):  # fmt: skip
         function = option(function)
     return function
-
-
-_controller_option = click.option(
-    "--controller", metavar="MODULE:NAME",
-    help="Your own outer loop instead of the feel model: NAME(parameters) makes one.",
-)  # fmt: skip
 
 
 def _setup(overrides: tuple[str, ...], grip: str, ideal: bool) -> "Setup":
@@ -84,34 +83,43 @@ def _standard(ideal: bool, rate_deg: float | None, pulse: float | None, seed: in
     )  # fmt: skip
 
 
-def _make_loop(name: str | None) -> "MakeLoop | None":
-    if name is None:
-        return None
-    import importlib
-    import sys
+def _find(
+    controller: GivenController, setup: "Setup", vary: "Variation", standard: "Standard", *, quiet: bool,
+    tolerance: float | None = None, follow: bool = True,
+) -> "Onset":  # fmt: skip
+    """Search an onset; with a controller of the user's own in a process of its own."""
+    from cls_bench.stability.onset import TOLERANCE
 
-    module, _, attribute = name.partition(":")
-    sys.path.insert(0, str(Path.cwd()))
-    try:
-        found = getattr(importlib.import_module(module), attribute)
-    except (ImportError, ValueError) as error:
-        raise InputError(f"--controller {name}: {error}") from None
-    except AttributeError:
-        raise InputError(f'--controller {name}: module "{module}" has no "{attribute}"') from None
-    finally:
-        sys.path.pop(0)
-    if not callable(found):
-        raise InputError(f"--controller {name}: is not callable; it must make an outer loop from parameters")
-    made: MakeLoop = found
-    return made
+    arguments = controller.of(), setup, vary, standard, tolerance or TOLERANCE, follow
+    report = _trial_line(vary.unit, quiet)
+    if arguments[0] is None:
+        return _find_job(report, *arguments)
+    from cls_bench.cli.supervisor import supervised
+
+    def tell(*what: Any) -> None:
+        if len(what) == 2:
+            report(*what)
+        elif not quiet:
+            say("compiling the simulation, once after each installation: about half a minute")
+
+    found: Onset = supervised(_find_job, *arguments, limits=controller.limits, tell=tell)
+    return found
+
+
+def _find_job(
+    tell: Callable[..., None], place: "Place | None", setup: "Setup", vary: "Variation", standard: "Standard",
+    tolerance: float, follow: bool,
+) -> "Onset":  # fmt: skip
+    """The search, told of every trial; a fresh object of the controller for each."""
+    from cls_bench.controllers import Controller
+    from cls_bench.stability.onset import find
+
+    make = None if place is None else Controller(place).make
+    return find(setup, vary, standard, tolerance=tolerance, make_loop=make, follow=follow, report=tell)
 
 
 def _finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def _echo_json(found: Any) -> None:
-    click.echo(json.dumps(found, indent=2, ensure_ascii=False, allow_nan=False))
 
 
 @click.command("frequency-response")
@@ -119,11 +127,11 @@ def _echo_json(found: Any) -> None:
 @_setup_options
 @click.option("--excitation", type=click.Choice(["multisine", "stepped-sine", "chirp"]),
               help="How it is excited.  [default: multisine; the rendered admittance: chirp]")  # fmt: skip
-@click.option("--amplitude", type=click.FloatRange(0, min_open=True),
+@click.option("--amplitude", type=FiniteRange(0, min_open=True),
               help="Peak of the column's set angle [deg]; of the hand's force [N] for the rendered admittance.  "
                    "[default: 1 deg, 20 N]")  # fmt: skip
-@click.option("--from-hz", type=float, default=4.0, show_default=True, help="Lowest frequency.")
-@click.option("--to-hz", type=float, default=250.0, show_default=True, help="Highest frequency.")
+@click.option("--from-hz", type=HERTZ, default=4.0, show_default=True, help="Lowest frequency.")
+@click.option("--to-hz", type=HERTZ, default=250.0, show_default=True, help="Highest frequency.")
 @click.option("--points", type=click.IntRange(2, 500), default=24, show_default=True,
               help="Frequencies of a stepped sine.")  # fmt: skip
 @click.option("--out", type=click.Path(path_type=Path),
@@ -170,7 +178,7 @@ def frequency_response(
         raise OutputError(f"cannot write {folder}: {error.strerror}") from None
     if as_json:
         numbers = {k: {name: _finite(value) for name, value in v.items()} for k, v in found.items()}
-        _echo_json({"loop": loop, "numbers": numbers, "files": [str(path) for path in written]})
+        print_json({"loop": loop, "numbers": numbers, "files": [str(path) for path in written]})
         return
     rows = [(kind, name, "—" if math.isnan(v) else number(v)) for kind, values in found.items()
             for name, v in values.items()]  # fmt: skip
@@ -221,7 +229,7 @@ def predict(overrides: tuple[str, ...], grip: str, ideal: bool, as_json: bool) -
     if as_json:
         found = {name: _finite(value) for name, value in dataclasses.asdict(p).items() if name != "rule"}
         rule = {**dataclasses.asdict(p.rule), "critical_ratio": p.rule.critical_ratio, "stable": p.rule.stable}
-        _echo_json({**found, "rule": {k: _finite(v) for k, v in rule.items()}, "critical": critical_at})
+        print_json({**found, "rule": {k: _finite(v) for k, v in rule.items()}, "critical": critical_at})
         return
     rows = [
         ("verdict", "stable" if p.stable else "UNSTABLE"),
@@ -241,31 +249,30 @@ def predict(overrides: tuple[str, ...], grip: str, ideal: bool, as_json: bool) -
 @click.command()
 @click.option("--vary", default="feel.inertia", show_default=True,
               help="feel.inertia, limb_mass, forward_inertia, squeeze, delay, or any numeric parameter.")  # fmt: skip
-@click.option("--from", "low", type=float, help="Lower end of the range.")
-@click.option("--to", "high", type=float, help="Upper end of the range.")
-@click.option("--tolerance", type=click.FloatRange(0.0005, 0.2), default=0.02, show_default=True,
+@click.option("--from", "low", type=FINITE, help="Lower end of the range.")
+@click.option("--to", "high", type=FINITE, help="Upper end of the range.")
+@click.option("--tolerance", type=FiniteRange(0.0005, 0.2), default=0.02, show_default=True,
               help="Width of the final bracket over its value.")  # fmt: skip
 @_setup_options
 @_trial_options
-@_controller_option
+@controller_options
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of tables.")
 def onset(
     vary: str, low: float | None, high: float | None, tolerance: float, overrides: tuple[str, ...], grip: str,
-    ideal: bool, rate_deg: float | None, pulse: float | None, seed: int, controller: str | None, as_json: bool,
+    ideal: bool, rate_deg: float | None, pulse: float | None, seed: int, controller: GivenController, as_json: bool,
 ) -> None:  # fmt: skip
     """Search where the running bench turns unstable."""
     from cls_bench.analysis.variation import variation
-    from cls_bench.stability.onset import find
 
     quantity = variation(vary, low, high)
-    found = find(
-        _setup(overrides, grip, ideal), quantity, _standard(ideal, rate_deg, pulse, seed), tolerance=tolerance,
-        make_loop=_make_loop(controller), report=_trial_line(quantity.unit, as_json),
+    found = _find(
+        controller, _setup(overrides, grip, ideal), quantity, _standard(ideal, rate_deg, pulse, seed), quiet=as_json,
+        tolerance=tolerance,
     )  # fmt: skip
     last = found.last_unstable
     if as_json:
         oscillation = None if last is None else {k: _finite(v) for k, v in dataclasses.asdict(last).items()}
-        _echo_json({
+        print_json({
             "vary": vary, "unit": quantity.unit, "onset": found.value, "stable_at": found.stable_at,
             "unstable_at": found.unstable_at, "predicted": found.predicted, "eq_3_16": found.rule,
             "oscillation": oscillation, "trials": found.trials, "simulated_s": round(found.simulated, 4),
@@ -296,7 +303,7 @@ def _trial_line(unit: str, quiet: bool) -> Any:
         if not quiet:
             said = "stable  " if verdict.stable else "unstable"
             rate = "" if not math.isfinite(verdict.growth) else f", {verdict.growth:+.2f} 1/s"
-            click.echo(f"{number(value):>8} {unit}: {said} ({verdict.reason}{rate})", err=True)
+            say(f"{number(value):>8} {unit}: {said} ({verdict.reason}{rate})")
 
     return report
 
@@ -304,8 +311,8 @@ def _trial_line(unit: str, quiet: bool) -> Any:
 @click.command("stability-map")
 @click.option("--x", default="feel.inertia", show_default=True, help="Quantity along x, as for onset --vary.")
 @click.option("--y", default="forward_inertia", show_default=True, help="Quantity along y.")
-@click.option("--x-range", type=(float, float), help="Its range.  [default: 0.1 1 for feel.inertia]")
-@click.option("--y-range", type=(float, float), help="Its range.  [default: 0.05 1 for forward_inertia]")
+@click.option("--x-range", type=(FINITE, FINITE), help="Its range.  [default: 0.1 1 for feel.inertia]")
+@click.option("--y-range", type=(FINITE, FINITE), help="Its range.  [default: 0.05 1 for forward_inertia]")
 @click.option("--size", type=(click.IntRange(2, 500), click.IntRange(2, 500)), default=(20, 20), show_default=True,
               help="Columns and rows.")  # fmt: skip
 @_setup_options
@@ -343,11 +350,10 @@ def stability_map(
             result = compute(
                 _setup(overrides, grip, ideal), Grid(axes[0], axes[1], *size),
                 _standard(ideal, rate_deg, pulse, seed), journal=journal, resume=resume, scheduler=scheduler,
-                report=report,
+                report=report, say=lambda line: click.echo(line, err=True),
             )  # fmt: skip
     except KeyboardInterrupt:
-        click.echo(f"{journal} keeps the points that are done; continue with --resume", err=True)
-        raise
+        raise Interrupted(f"interrupted; kept: {journal}; continue with --resume") from None
     path = folder / "map.csv"
     rows = table(result)
     columns = list(dict.fromkeys(key for row in rows for key in row))
@@ -360,7 +366,7 @@ def stability_map(
     except OSError as error:
         raise OutputError(f"cannot write {folder}: {error.strerror}") from None
     if as_json:
-        _echo_json({"points": len(rows), "agreement": _finite(result.agreement), "eq_3_16_ratio": result.rule_ratio,
+        print_json({"points": len(rows), "agreement": _finite(result.agreement), "eq_3_16_ratio": result.rule_ratio,
                     "files": [str(path) for path in written]})  # fmt: skip
         return
     stable = sum(bool(row.get("stable")) for row in rows)
@@ -397,7 +403,7 @@ def stabilisers(
         raise OutputError(f"cannot write {folder}: {error.strerror}") from None
     if as_json:
         rows = [{k: _finite(v) for k, v in dataclasses.asdict(row).items()} for row in found]
-        _echo_json({"least_inertia": rows, "files": [str(path) for path in written]})
+        print_json({"least_inertia": rows, "files": [str(path) for path in written]})
         return
 
     def inertia(value: float) -> str:
@@ -418,45 +424,54 @@ def check() -> None:
 
 
 @check.command("onset")
-@click.option("--min-ratio", type=click.FloatRange(0, min_open=True), required=True, metavar="R",
+@click.option("--min-ratio", type=FiniteRange(0, 1e3, min_open=True), metavar="R",
               help="Least I_fwd / I_fcs at which the bench may turn unstable.")  # fmt: skip
+@click.option("--min-margin", type=FiniteRange(0, 1e3), metavar="M",
+              help="Least share by which I_fwd may still grow from the present limb and column to the onset: "
+                   "onset / present - 1.  [default: 0, the present hand must be stable]")  # fmt: skip
 @click.option("--set", "overrides", metavar="KEY=VALUE", multiple=True, help="Override a parameter.")
 @click.option("--ideal", is_flag=True, help="Without friction, backlash, noise and coarse counts.")
 @_trial_options
-@_controller_option
+@controller_options
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of text.")
 @click.pass_context
 def check_onset(
-    ctx: click.Context, min_ratio: float, overrides: tuple[str, ...], ideal: bool, rate_deg: float | None,
-    pulse: float | None, seed: int, controller: str | None, as_json: bool,
+    ctx: click.Context, min_ratio: float | None, min_margin: float | None, overrides: tuple[str, ...], ideal: bool,
+    rate_deg: float | None, pulse: float | None, seed: int, controller: GivenController, as_json: bool,
 ) -> None:  # fmt: skip
-    """Pass if a tight grip stays stable up to I_fwd = R · I_fcs.
+    """Pass if a tight grip stays stable up to I_fwd = R · I_fcs, and the present hand is stable by a margin.
 
     The limb's mass is raised until the running bench turns unstable. I_fcs is feel.inertia, also with a controller of
-    your own.
+    your own. The present I_fwd is that of limb and column as the parameters have them. Give at least one of --min-ratio
+    and --min-margin.
     """
+    from cls_bench.analysis.linear import forward_inertia
     from cls_bench.analysis.variation import variation
-    from cls_bench.stability.onset import find
 
+    if min_ratio is None and min_margin is None:
+        raise InputError("check onset: give --min-ratio, --min-margin, or both")
+    wanted = 0.0 if min_margin is None else min_margin
     setup = _setup(overrides, "1", ideal)
-    found = find(
-        setup, variation("forward_inertia"), _standard(ideal, rate_deg, pulse, seed),
-        make_loop=_make_loop(controller), follow=False,
-    )  # fmt: skip
-    inertia = setup.parameters.feel.inertia
+    standard = _standard(ideal, rate_deg, pulse, seed)
+    found = _find(controller, setup, variation("forward_inertia"), standard, quiet=True, follow=False)
+    inertia, present = setup.parameters.feel.inertia, forward_inertia(setup.parameters, setup.hand)
     critical = found.value if found.value is not None else 0.0 if found.stable_at is None else math.inf
-    ratio = critical / inertia
-    passed = ratio >= min_ratio
+    ratio, margin = critical / inertia, critical / present - 1.0
+    passed = (min_ratio is None or ratio >= min_ratio) and margin >= wanted
     if as_json:
-        _echo_json({"status": "passed" if passed else "failed", "ratio": _finite(ratio), "min_ratio": min_ratio,
-                    "critical_forward_inertia": found.value, "feel_inertia": inertia,
-                    "predicted": found.predicted})  # fmt: skip
+        print_json({
+            "status": "passed" if passed else "failed", "ratio": _finite(ratio), "min_ratio": min_ratio,
+            "margin": _finite(margin), "min_margin": wanted, "present_forward_inertia": present,
+            "present_stable": margin > 0, "critical_forward_inertia": found.value, "feel_inertia": inertia,
+            "predicted": found.predicted,
+        })  # fmt: skip
     else:
         low, high = found.vary.low, found.vary.high
         at = (f"onset at I_fwd = {found.value:.4g} kg·m²" if found.value is not None else
               f"unstable from I_fwd = {low:g} kg·m² on" if found.stable_at is None else
               f"stable up to I_fwd = {high:g} kg·m²")  # fmt: skip
-        click.echo(
-            f"{'passed' if passed else 'FAILED'}: {at}, I_fwd / I_fcs = {ratio:.3f}, wanted at least {min_ratio:g}"
-        )
-    ctx.exit(0 if passed else 1)
+        least = "" if min_ratio is None else f", wanted at least {min_ratio:g}"
+        click.echo(f"{'passed' if passed else 'FAILED'}: {at}, I_fwd / I_fcs = {ratio:.3f}{least}")
+        beyond = "" if margin > 0 else ": THE PRESENT HAND IS BEYOND THE ONSET"
+        click.echo(f"present I_fwd = {present:.4g} kg·m², margin {margin:+.1%}, wanted at least {wanted:+.1%}{beyond}")
+    ctx.exit(ExitCode.PASSED if passed else ExitCode.FAILED)

@@ -1,19 +1,19 @@
 """sweep."""
 
-import json
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from cls_bench.cli.output import number, print_table, results_folder
-from cls_bench.errors import InputError, OutputError
+from cls_bench.cli.output import number, print_json, print_table, results_folder
+from cls_bench.errors import InputError, Interrupted, OutputError
 
 if TYPE_CHECKING:
-    from cls_bench.sweep.engine import Row
+    from cls_bench.sweep.core import Report
+    from cls_bench.sweep.engine import Engine, Row
     from cls_bench.sweep.plan import Plan
 
 
@@ -35,10 +35,8 @@ def sweep(file: Path, out: Path | None, resume: bool, scheduler: str, as_json: b
     from cls_bench.experiment import RECORDINGS
     from cls_bench.report.style import save
     from cls_bench.report.sweep_figure import sweep_figure
-    from cls_bench.sweep.core import evaluate_points
     from cls_bench.sweep.engine import make_engine
     from cls_bench.sweep.plan import load_sweep
-    from cls_bench.sweep.runs import ScenarioAt
     from cls_bench.sweep.table import statuses, summarise, to_table, write_table
 
     plan = load_sweep(file)
@@ -48,13 +46,19 @@ def sweep(file: Path, out: Path | None, resume: bool, scheduler: str, as_json: b
     _compile(plan, quiet=as_json)
     try:
         with points_progress(quiet=as_json) as report:
-            rows = evaluate_points(
-                ScenarioAt.of(plan), plan.sweep.points, journal=journal, identity=plan.identity, resume=resume,
-                scheduler=engine, report=report,
-            )  # fmt: skip
+            if plan.scenario.controller is None:
+                rows = _evaluate(report, plan, journal, resume, engine)
+            else:
+                from cls_bench.cli.supervisor import supervised
+                from cls_bench.cli.worker import Limits
+
+                def tell(*what: Any) -> None:
+                    if len(what) == 2:
+                        report(*what)
+
+                rows = supervised(_evaluate, plan, journal.absolute(), resume, engine, limits=Limits(), tell=tell)
     except KeyboardInterrupt:
-        click.echo(f"{journal} keeps the points that are done; continue with --resume", err=True)
-        raise
+        raise Interrupted(f"interrupted; kept: {journal}; continue with --resume") from None
     table_path = folder / "table.parquet"
     write_table(to_table(plan, rows), table_path)
     try:
@@ -65,13 +69,23 @@ def sweep(file: Path, out: Path | None, resume: bool, scheduler: str, as_json: b
         summary = {s.name: s.to_json() for s in summarise(plan, rows)}
         found = {"sweep": plan.name, "points": len(rows), "statuses": statuses(rows), "metrics": summary,
                  "table": str(table_path), "figures": [str(path) for path in figures]}  # fmt: skip
-        click.echo(json.dumps(found, indent=2, ensure_ascii=False, allow_nan=False))
+        print_json(found)
     else:
         _print(plan, rows)
         for path in (table_path, *figures):
             click.echo(f"  {path}")
     if all(row.error for row in rows):
         raise InputError(f"{file}: no point could be evaluated; the first says: {rows[0].error}")
+
+
+def _evaluate(report: "Report", plan: "Plan", journal: Path, resume: bool, engine: "Engine") -> "list[Row]":
+    from cls_bench.sweep.core import evaluate_points
+    from cls_bench.sweep.runs import ScenarioAt
+
+    return evaluate_points(
+        ScenarioAt.of(plan), plan.sweep.points, journal=journal, identity=plan.identity, resume=resume,
+        scheduler=engine, report=report, say=lambda line: click.echo(line, err=True),
+    )  # fmt: skip
 
 
 def _cell(value: float | int | None) -> str:

@@ -1,6 +1,5 @@
 """verify: the plant held against closed forms, references and independent integrations."""
 
-import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -8,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from cls_bench.cli.output import make_console
+from cls_bench.cli.output import make_console, print_json
 from cls_bench.errors import OutputError
 
 if TYPE_CHECKING:
@@ -35,7 +34,7 @@ def verify(ctx: click.Context, as_json: bool, page: Path | None) -> None:
     passed = all(row.passed for row in rows)
     if as_json:
         table = {"passed": passed, "rows": [row.to_json() for row in rows]}
-        click.echo(json.dumps(table, indent=2, ensure_ascii=False, allow_nan=False))
+        print_json(table)
     else:
         _print_rows(rows)
     if page is not None:

@@ -80,6 +80,9 @@ _SEARCH_BYTES = 1 << 20
 _SLACK_NS = 20_000_000
 """Chunks that are further apart than this, or overlap more, are not believed as to their times."""
 
+UNKNOWN_NS = -1
+"""Time of a chunk that is not known, since its head is damaged."""
+
 _TEXT = "metadata, schemas and channels"
 
 _Record = TypeVar("_Record", Attachment, Channel, Header, Metadata, Schema)
@@ -369,6 +372,8 @@ class McapFile:
         start_ns, end_ns, size, crc, name_length = _CHUNK_HEAD.unpack_from(head)
         at = _CHUNK_HEAD.size + name_length
         chunk = Chunk(0, 0, size, crc, head[_CHUNK_HEAD.size : at], start_ns, end_ns)
+        if not start_ns <= end_ns <= LIMITS.end_ns:
+            chunk.start_ns = chunk.end_ns = UNKNOWN_NS
         self.chunks.append(chunk)
         if name_length > 32 or at + 8 > length:
             chunk.lost = "its head is damaged"
@@ -379,9 +384,6 @@ class McapFile:
             chunk.lost = "it is longer than its record"
         elif not size <= min(LIMITS.chunk, LIMITS.ratio * chunk.length + LIMITS.slack):
             chunk.lost = f"it claims to hold {size} bytes, packed into {chunk.length}"
-        elif not start_ns <= end_ns <= LIMITS.end_ns:
-            chunk.start_ns = chunk.end_ns = 0
-            chunk.lost = "its times are not those of a run"
 
     def _add_bare(self, file: IO[bytes], at: int) -> int:
         """Take over the messages outside of chunks from offset ``at`` on; returns the offset behind them."""
@@ -452,6 +454,8 @@ class McapFile:
 
     def _follow_each_other(self) -> bool:
         """Whether the chunks cover the time one after the other, as their heads have it: these have no checksum."""
+        if any(chunk.start_ns == UNKNOWN_NS for chunk in self.chunks):
+            return False
         return all(
             abs(after.start_ns - before.end_ns) < _SLACK_NS and before.start_ns <= before.end_ns
             for before, after in itertools.pairwise(self.chunks)

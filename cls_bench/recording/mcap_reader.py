@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from cls_bench.errors import InputError
 from cls_bench.recording import foxglove
-from cls_bench.recording.mcap_file import Chunk, DamagedError, McapFile, Messages
+from cls_bench.recording.mcap_file import UNKNOWN_NS, Chunk, DamagedError, McapFile, Messages
 from cls_bench.recording.mcap_writer import (
     PARAMETERS_ATTACHMENT,
     RESULT_METADATA,
@@ -218,8 +218,14 @@ class Recording:
     # --- what is wrong with it ---------------------------------------------------------------------------------------
 
     def verify(self) -> None:
-        """Read all chunks once, so that :attr:`losses` and :attr:`doubts` are complete."""
-        self._each_chunk(self._chunks, lambda messages: None)
+        """Read all samples once, so that :attr:`losses` and :attr:`doubts` are complete."""
+        wanted = [_Wanted(topic, topic.names) for topic in self.topics.values()]
+
+        def look(messages: Messages) -> None:
+            for part in wanted:
+                self._part(messages, part, 0, None)
+
+        self._each_chunk(self._chunks, look)
 
     def require_samples(self) -> None:
         """Raise InputError unless there are samples, as far as was read."""
@@ -241,11 +247,16 @@ class Recording:
         for chunk in good:
             if chunk.start_ns > end + period:
                 inside = [other for other in lost if end < other.start_ns < chunk.start_ns]
-                lost = [other for other in lost if other not in inside]
+                inside = inside or [other for other in lost if other.start_ns == UNKNOWN_NS][:1]
+                lost = [other for other in lost if all(other is not there for there in inside)]
                 reason = inside[0].lost if inside else "nothing was found there"
                 found.append(Loss((end + TICK_NS) / 1e9, chunk.start_ns / 1e9, reason))
             end = max(end, chunk.end_ns)
-        found += [Loss(other.start_ns / 1e9, (other.end_ns + TICK_NS) / 1e9, other.lost) for other in lost]
+        for other in lost:
+            if other.start_ns == UNKNOWN_NS:  # it may have been anywhere that nothing else tells of
+                found.append(Loss(0.0, (end + TICK_NS) / 1e9, f"somewhere; {other.lost}"))
+            else:
+                found.append(Loss(other.start_ns / 1e9, (other.end_ns + TICK_NS) / 1e9, other.lost))
         return tuple(sorted(found))
 
     @cached_property
@@ -313,7 +324,7 @@ class Recording:
         """
         events = self.events()
         bodies = len(self._body_names)
-        chunks = [chunk for chunk in self._chunks if not chunk.lost]
+        chunks = self._chosen(0, None)
         with self._file.open() as file:
             cache: dict[int, Messages] = {}
             for start_ns, end_ns in _pieces(chunks):
@@ -412,7 +423,9 @@ class Recording:
 
     def _warn_of_lost_chunks(self) -> None:
         for chunk in self._chunks:
-            if chunk.lost:
+            if chunk.lost and chunk.start_ns == UNKNOWN_NS:
+                self._warn(f"a chunk is lost: {chunk.lost}")
+            elif chunk.lost:
                 start, end = chunk.start_ns / 1e9, (chunk.end_ns + TICK_NS) / 1e9
                 self._warn(f"the chunk from {start:g} to {end:g} s is lost: {chunk.lost}")
 
@@ -420,7 +433,8 @@ class Recording:
         """The chunks that can be read and may hold messages of that time."""
         return [
             chunk for chunk in self._chunks
-            if not chunk.lost and chunk.end_ns >= start_ns and (end_ns is None or chunk.start_ns < end_ns)
+            if not chunk.lost and chunk.channels != frozenset()
+            and chunk.end_ns >= start_ns and (end_ns is None or chunk.start_ns < end_ns)
         ]  # fmt: skip
 
     def _each_chunk(self, chunks: Sequence[Chunk], take: Callable[[Messages], _T]) -> list[_T]:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from cls_bench.analysis.window import split_signal, unit_of
-from cls_bench.errors import InputError
+from cls_bench.errors import InputError, one_line
 from cls_bench.parameters import DEG, leaves
 from cls_bench.report.figures import Picture
 from cls_bench.report.recorded_run import RecordedRun, Span
@@ -53,6 +53,15 @@ def parameter_differences(first: RecordedRun, second: RecordedRun) -> list[tuple
     others = {key: value for key, value, _ in leaves(second.scenario.parameters_at_start())}
     found = leaves(first.scenario.parameters_at_start())
     return [(key, value, others[key], about["unit"]) for key, value, about in found if value != others[key]]
+
+
+def controller_differences(first: RecordedRun, second: RecordedRun) -> list[tuple[str, str, str]]:
+    """What both recordings say of the controller that ran, where they differ: name, source, hash, arguments."""
+    a, b = first.recording.metadata, second.recording.metadata
+    keys = sorted(key for key in {*a, *b} if key.startswith("controller."))
+    names = {"controller.name": (first.controller, second.controller)}
+    pairs = [(key, *names.get(key, (a.get(key, "–"), b.get(key, "–")))) for key in keys]
+    return [(key.partition(".")[2], one_line(x), one_line(y)) for key, x, y in pairs if x != y]
 
 
 def overlays(first: RecordedRun, second: RecordedRun, signals: Sequence[str], span: Span | None) -> Iterator[Picture]:

@@ -92,7 +92,8 @@ def friction(run: RecordedRun, spans: Sequence[Span]) -> Iterator[Picture]:
 
 def _power_look(run: RecordedRun, span: Span) -> tuple[str, str]:
     """Colour and label of a curve, by the drive's power."""
-    looks = {"off": (COLOR["power_off"], "drive power off"), "on": (COLOR["measured"], "drive on, feel model running")}
+    running = f"drive on, {'feel model' if run.has_feel_model else run.set_label.removesuffix(' (set)')} running"
+    looks = {"off": (COLOR["power_off"], "drive power off"), "on": (COLOR["measured"], running)}
     return looks.get(run.power_in(span), (COLOR["muted"], f"{span.start:g} to {span.end:g} s"))
 
 
@@ -118,17 +119,18 @@ def static(run: RecordedRun, spans: Sequence[Span]) -> Iterator[Picture]:
         figure, (ax, error) = new_pair(height=6.2, shares=(3, 1.2))
         angle, model, torque = w["/column.angle"] / DEG, w["/feel.angle"] / DEG, w["/load_cell.torque"]
         ax.plot(*thin_path(angle, torque), color=COLOR["measured"], label="column (measured)")
-        ax.plot(*thin_path(model, torque), color=COLOR["model"], ls=(0, (4, 3)), label="feel model (set)")
-        feel = w.parameters.feel
-        at = np.linspace(float(model.min()), float(model.max()), 801)
-        spring = np.array([free_response.spring_torque(feel, float(x) * DEG) for x in at])
-        for sign, label in ((1.0, "expected at standstill: springs ± friction"), (-1.0, "_")):
-            ax.plot(at, spring + sign * feel.friction, color=COLOR["expected"], lw=1.0, ls=":", label=label)
+        ax.plot(*thin_path(model, torque), color=COLOR["model"], ls=(0, (4, 3)), label=run.set_label)
+        if run.has_feel_model:
+            feel = w.parameters.feel
+            at = np.linspace(float(model.min()), float(model.max()), 801)
+            spring = np.array([free_response.spring_torque(feel, float(x) * DEG) for x in at])
+            for sign, label in ((1.0, "expected at standstill: springs ± friction"), (-1.0, "_")):
+                ax.plot(at, spring + sign * feel.friction, color=COLOR["expected"], lw=1.0, ls=":", label=label)
         _torque_axes(ax, run)
         ax.set_xlabel("")
         legend(ax, place="upper left")
         error.plot(*thin_path(angle, angle - model), color=COLOR["error"], lw=1.0)
-        error.set_ylabel("column − model [°]")
+        error.set_ylabel("column − set [°]")
         error.set_xlabel("column angle φ [°]")
         error.sharex(ax)
         figure.align_ylabels()
@@ -136,8 +138,11 @@ def static(run: RecordedRun, spans: Sequence[Span]) -> Iterator[Picture]:
             f"static_{k}" if len(spans) > 1 else "static",
             "Static sweep: torque over displacement",
             "The hand moves the column slowly over its travel. The loop's width is twice the friction, its slopes are "
-            "the springs, its ends the travel limits; the dotted lines follow from the parameters alone, without the "
-            "damping that a slow motion still feels.",
+            "the springs, its ends the travel limits"
+            + (
+                "; the dotted lines follow from the parameters alone, without the damping that a slow motion still feels."
+                if run.has_feel_model else ", as the user's own controller renders them."
+            ),
             figure,
         )
 
@@ -147,33 +152,47 @@ def released(run: RecordedRun, spans: Sequence[Span]) -> Iterator[Picture]:
     for k, span in enumerate(spans, start=1):
         w = run.window(span)
         time, angle = w.time - w.time[0], w["/column.angle"]
-        expected = free_response.expected_response(w.parameters, float(angle[0]), time)
         figure, (ax, error) = new_figure(2, height=5.2, shares=(3, 1.3))
         ax.plot(*thin(time, angle / DEG), color=COLOR["measured"], label="column (measured)")
-        ax.plot(*thin(time, w["/feel.angle"] / DEG), color=COLOR["model"], ls=(0, (4, 3)), label="feel model (set)")
-        ax.plot(*thin(time, expected / DEG), color=COLOR["expected"], ls=":", label="expected: independent solution")
+        ax.plot(*thin(time, w["/feel.angle"] / DEG), color=COLOR["model"], ls=(0, (4, 3)), label=run.set_label)
         ax.set_ylabel("angle φ [°]")
+        error.plot(*thin(time, (angle - w["/feel.angle"]) / DEG), color=COLOR["error"], label="column − set")
+        table: tuple[tuple[str, ...], ...] = ()
+        caption = "The hand lets go and the column moves freely."
+        if run.has_feel_model:
+            expected = free_response.expected_response(w.parameters, float(angle[0]), time)
+            curve = {"color": COLOR["expected"], "ls": ":"}
+            ax.plot(*thin(time, expected / DEG), **curve, label="expected: independent solution")
+            error.plot(*thin(time, (angle - expected) / DEG), **curve, label="column − expected")
+            table = _part60(time, angle, expected)
+            caption += (
+                " Part 60 judges the quantities below: times [s], the overshoots and the residual as parts of the "
+                "amplitude."
+            )
+        else:
+            caption += " A controller of the user's own ran: what the feel model would have done is not drawn."
         legend(ax, place="upper right" if angle[0] > 0 else "lower right")
-        error.plot(*thin(time, (angle - w["/feel.angle"]) / DEG), color=COLOR["error"], label="column − model")
-        error.plot(*thin(time, (angle - expected) / DEG), color=COLOR["expected"], ls=":", label="column − expected")
         error.set_ylabel("difference [°]")
         error.set_xlabel("time since release [s]")
         legend(error, columns=2, place="upper right")
         room_above(error, 0.35)
         figure.align_ylabels()
-        items = free_response.part60(time, angle, expected)
-        rows = [
-            (i.name, f"{i.measured:.4g}", f"{i.expected:.4g}", f"± {i.tolerance:.3g}", f"{i.share:.0%}") for i in items
-        ]
         start = float(angle[0]) / DEG
         yield Picture(
             f"free_response_{k}",
             f"Free response from {start:+.1f}°",
-            "The hand lets go and the column moves freely. Part 60 judges the quantities below: times [s], the "
-            "overshoots and the residual as parts of the amplitude.",
+            caption,
             figure,
-            (("quantity", "measured", "expected", "tolerance", "used"), *rows),
+            table,
         )
+
+
+def _part60(time: Array, angle: Array, expected: Array) -> tuple[tuple[str, ...], ...]:
+    rows = [
+        (i.name, f"{i.measured:.4g}", f"{i.expected:.4g}", f"± {i.tolerance:.3g}", f"{i.share:.0%}")
+        for i in free_response.part60(time, angle, expected)
+    ]
+    return (("quantity", "measured", "expected", "tolerance", "used"), *rows)
 
 
 # --- tracking --------------------------------------------------------------------------------------------------------
@@ -196,12 +215,12 @@ def tracking(run: RecordedRun, spans: Sequence[Span]) -> Iterator[Picture]:
         time, angle, model = w.time[rows], w["/column.angle"][rows] / DEG, w["/feel.angle"] / DEG
         late = np.interp(time - lag, w.time, model)
         figure, (ax, error) = new_figure(2, height=5.2, shares=(3, 2))
-        ax.plot(*thin(time, model[rows]), color=COLOR["model"], label="feel model (set)")
+        ax.plot(*thin(time, model[rows]), color=COLOR["model"], label=run.set_label)
         ax.plot(*thin(time, angle), color=COLOR["measured"], ls=(0, (4, 3)), label="column (measured)")
         ax.set_ylabel("angle φ [°]")
         legend(ax, columns=2, place="upper right")
         room_above(ax, 0.15)
-        error.plot(*thin(time, angle - model[rows]), color=COLOR["error"], label="column − model")
+        error.plot(*thin(time, angle - model[rows]), color=COLOR["error"], label="column − set")
         settled = time > time[0] + lag
         left = thin(time[settled], (angle - late)[settled])
         error.plot(*left, color=COLOR["expected"], ls=":", label=f"less the lag of {1e3 * lag:.1f} ms")
@@ -213,7 +232,7 @@ def tracking(run: RecordedRun, spans: Sequence[Span]) -> Iterator[Picture]:
         yield Picture(
             f"tracking_{k}" if len(spans) > 1 else "tracking",
             f"Tracking of a motion of {frequency:g} Hz",
-            "The column follows the feel model while the hand moves it fast. Nearly all of the error is the time by "
+            "The column follows its set angle while the hand moves it fast. Nearly all of the error is the time by "
             "which the column is late.",
             figure,
         )
@@ -234,14 +253,14 @@ def squeezing(run: RecordedRun, spans: Sequence[Span]) -> Iterator[Picture]:
         "loop's stability margin."
     ))  # fmt: skip
     yield _shaking(run, Span(end - CLOSE_UP, end), "squeezing_close", "Close-up of the last quarter of a second", (
-        "The same signals magnified: column against feel model, load cell against pilot."
+        "The same signals magnified: column against set angle, load cell against pilot."
     ))  # fmt: skip
 
 
 def _shaking(run: RecordedRun, span: Span, name: str, title: str, caption: str) -> Picture:
     w = run.window(span)
     figure, (angle, torque, squeeze) = new_figure(3, height=5.8, shares=(3, 3, 1))
-    angle.plot(*thin(w.time, w["/feel.angle"] / DEG), color=COLOR["model"], label="feel model (set)")
+    angle.plot(*thin(w.time, w["/feel.angle"] / DEG), color=COLOR["model"], label=run.set_label)
     angle.plot(*thin(w.time, w["/column.angle"] / DEG), color=COLOR["measured"], label="column (measured)")
     angle.set_ylabel("angle φ [°]")
     torque.plot(*thin(w.time, w["/column.torque"]), color=COLOR["pilot"], label="pilot on the column")
@@ -301,7 +320,7 @@ def imperfections(run: RecordedRun, spans: Sequence[Span]) -> Iterator[Picture]:
             error = (angle - w["/feel.angle"][sweep]) / DEG * 60.0
             ax.plot(*thin_path(angle / DEG, error), color=COLOR[color], lw=1.0, label=label)
             power += _order_amplitudes(w["/drive.position"][sweep], error, orders) ** 2
-        ax.set_ylabel("column − model [arcmin]")
+        ax.set_ylabel("column − set [arcmin]")
         ax.set_xlabel("column angle φ [°]")
         legend(ax, columns=2, place="upper right")
         room_above(ax, 0.15)
@@ -316,8 +335,7 @@ def imperfections(run: RecordedRun, spans: Sequence[Span]) -> Iterator[Picture]:
         yield Picture(
             f"imperfections{suffix}",
             "What the gearbox leaves: tracking error and its orders",
-            "Above, the error of the column over its angle while the hand moves it against the feel model's springs; "
-            "below, its order spectrum. Lines at the stages' mesh orders come from the teeth passing each other; what "
+            "Above, the error of the column over its angle while the hand moves it steadily; below, its order spectrum. Lines at the stages' mesh orders come from the teeth passing each other; what "
             "is broad comes from friction.",
             figure,
         )
@@ -365,7 +383,8 @@ def overview(run: RecordedRun) -> Picture:
     w = run.whole
     figure, (angle, torque, drive, state) = new_figure(4, height=6.6, shares=(3, 3, 2.4, 1.1))
     for signal, color, label, style in (
-        ("/column.angle", "measured", "column", "-"), ("/feel.angle", "model", "feel model", "--"),
+        ("/column.angle", "measured", "column", "-"),
+        ("/feel.angle", "model", run.set_label.removesuffix(" (set)"), "--"),
     ):  # fmt: skip
         x, y = thin(w.time, w[signal] / DEG)
         angle.plot(x, y, style, color=COLOR[color], label=label)
@@ -415,7 +434,7 @@ Draw = Callable[[RecordedRun, Sequence[Span]], Iterator[Picture]]
 
 _FIGURES: tuple[tuple[tuple[str, ...], str | None, Draw], ...] = (
     (("breakout_torque",), None, friction),
-    (("hysteresis",), None, static),
+    (("hysteresis", "static_friction"), None, static),
     (("part60_tolerance_used",), None, released),
     (("tracking_amplitude_ratio", "tracking_phase_lag_ms"), None, tracking),
     (("oscillation_amplitude_deg", "oscillation_frequency_hz"), None, squeezing),

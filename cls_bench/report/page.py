@@ -1,6 +1,7 @@
 """Reports as self-contained HTML pages: nothing in them comes from the network."""
 
 import datetime as dt
+import json
 import math
 import shlex
 from collections.abc import Sequence
@@ -17,7 +18,7 @@ from markupsafe import Markup
 
 from cls_bench.analysis import energy
 from cls_bench.claims import cannot_write, claimed_page, page_mark, write_text
-from cls_bench.errors import InputError
+from cls_bench.errors import InputError, one_line
 from cls_bench.experiment import CheckResult
 from cls_bench.report import style
 from cls_bench.report.figures import CANNOT_DRAW, Picture, pictures
@@ -192,8 +193,19 @@ def _check(result: CheckResult) -> dict[str, str]:
 
 def _sections(run: RecordedRun) -> list[Section]:
     return [
-        section for section in (_energy(run), _parameters(run), _changes(run), _events(run), _timing(run)) if section
+        section
+        for section in (_controller(run), _energy(run), _parameters(run), _changes(run), _events(run), _timing(run))
+        if section
     ]
+
+
+def _controller(run: RecordedRun) -> Section | None:
+    """Which controller ran, if it was not the feel model."""
+    if run.has_feel_model:
+        return None
+    about = {key.partition(".")[2]: text for key, text in run.recording.metadata.items() if key.startswith("controller.")}
+    text = "A controller of the user's own ran in place of the feel model, whose parameters had no effect."
+    return Section("Controller", text, (("", "recorded"), *((name, value) for name, value in sorted(about.items()))))
 
 
 def _energy(run: RecordedRun) -> Section:
@@ -273,13 +285,48 @@ def _seconds_between(start: str, end: str) -> float:
 
 
 def _command(run: RecordedRun) -> str:
-    """The commands that make the same recording again, and what they depend on."""
+    """The commands that make the same recording again, and what they depend on; each word quoted for a shell."""
+    words = ["cls-bench", "run"]
+    for entry in run.scenario.overrides:
+        words += ["--set", printable(entry, 1000)]
+    about = {name: printable(text, 1000) for name, text in run.recording.metadata.items()}
+    notes = []
+    place = run.scenario.controller_place
+    if not run.has_feel_model:
+        source, name = about.get("controller.source", ""), about["controller.name"]
+        digest = f" (SHA-256 {about['controller.sha256']})" if "controller.sha256" in about else ""
+        if "controller.arguments" not in about:
+            notes.append(f"the controller was the object {one_line(name)} of a program{digest}: see the attachment")
+        else:
+            arguments = _arguments(about["controller.arguments"])
+            if place is None or (place.module, place.name, dict(place.arguments)) != (source, name, arguments):
+                words += ["--controller", f"{source}:{name}"]
+                for key, value in arguments.items():
+                    words += ["--controller-arg", f"{key}={_toml(value)}"]
+            notes.append(f"the controller's source{digest} is the attachment controller.py")
     known = run.name in shipped_scenarios()
-    scenario = shlex.quote(run.name) if known else f"{shlex.quote(f'{run.name}.toml')}  # the text below"
-    overrides = [f"--set {shlex.quote(printable(entry, 1000))}" for entry in run.scenario.overrides]
-    about = {name: printable(text, 100) for name, text in run.recording.metadata.items()}
+    words.append(run.name if known else f"{run.name}.toml")  # the text below
     packages = ", ".join(
         f"{name} {about[name]}" for name in ("cls-bench", "mujoco", "numba", "numpy", "python") if name in about
     )
-    command = " ".join(["cls-bench run", *overrides, scenario])
-    return f"{command}\n\n# {packages}; commit {about.get('commit', 'none')}"
+    notes.append(f"{one_line(packages)}; commit {one_line(about.get('commit', 'none'))}")
+    if words[-1].startswith("-"):
+        words.insert(-1, "--")
+    return "\n".join([shlex.join(words), "", *(f"# {one_line(note)}" for note in notes)])
+
+
+def _arguments(text: str) -> dict[str, Any]:
+    try:
+        found = json.loads(text)
+    except ValueError:
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def _toml(value: Any) -> str:
+    """A value as TOML writes it on one line."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{json.dumps(key)} = {_toml(inner)}" for key, inner in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(_toml, value)) + "]"
+    return json.dumps(value)

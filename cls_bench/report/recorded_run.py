@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from cls_bench import experiment
 from cls_bench.analysis import metrics
 from cls_bench.analysis.window import Window
-from cls_bench.errors import InputError
+from cls_bench.errors import InputError, one_line
 from cls_bench.parameters import Parameters, leaves
 from cls_bench.recording import Recording
 from cls_bench.recording.mcap_reader import INCOMPLETE
@@ -79,6 +79,21 @@ class RecordedRun:
         return self.scenario.name
 
     @property
+    def controller(self) -> str:
+        """Name of the controller that ran; recordings that do not say so are of the feel model."""
+        return self.recording.metadata.get("controller.name", experiment.FEEL_MODEL)
+
+    @property
+    def has_feel_model(self) -> bool:
+        """Whether the feel model ran, and not a controller of the user's own."""
+        return self.controller == experiment.FEEL_MODEL
+
+    @property
+    def set_label(self) -> str:
+        """What the angle is called that the column should follow."""
+        return "feel model (set)" if self.has_feel_model else f"{one_line(self.controller)[:40]} (set)"
+
+    @property
     def duration(self) -> float:
         """Recorded time [s]."""
         return self.recording.duration
@@ -98,7 +113,7 @@ class RecordedRun:
 
     @cached_property
     def _measured(self) -> tuple[experiment.CheckResult, ...]:
-        return experiment.measure(self.scenario, self.recording)
+        return experiment.measure(self.scenario, self.recording, own_loop=not self.has_feel_model)
 
     def _with_recorded_value(self, result: experiment.CheckResult) -> experiment.CheckResult:
         value = self._recorded_values.get(result.check.name)

@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, Field, PrivateAttr, ValidationError, WithJsonSchema, field_validator, model_validator
 
+from cls_bench.controllers import Place
 from cls_bench.errors import InputError
 from cls_bench.parameters import Parameters, Section
 from cls_bench.resources import shipped_scenarios
@@ -29,6 +30,9 @@ from cls_bench.step_limit import unstable_parameter
 
 Limit = Annotated[float, Field(ge=-1e12, le=1e12)]
 
+SOON = 0.001
+"""Time [s] within which a change has taken effect."""
+
 LONGEST_LINE = 1000
 """Characters of a message."""
 
@@ -42,6 +46,15 @@ class DriveStart(Strict):
 
     power: Literal["on", "off"] = "on"
     """"off" is safe torque off: no torque at all, the motor turns freely"""
+
+
+class Controller(Strict):
+    """A controller of your own in place of the feel model."""
+
+    source: Line
+    """FILE.py:NAME, relative to the scenario file, or package.module:NAME"""
+    arguments: dict[str, Any] = Field(default_factory=dict, max_length=100)
+    """arguments with which NAME is called"""
 
 
 class Change(Strict):
@@ -119,6 +132,8 @@ class Scenario(Strict):
     """values that differ from the defaults, by dotted key, SI"""
     drive: DriveStart = DriveStart()
     """state of the drive when the run begins"""
+    controller: Controller | None = None
+    """a controller of your own in place of the feel model"""
     hand: list[Annotated[Segment, Field(discriminator="kind")]] = Field(default_factory=list, max_length=10_000)
     """what the hand does, in order of time; before the first segment it does not grip"""
     squeeze: list[Squeeze] = Field(default_factory=list, max_length=10_000)
@@ -165,6 +180,15 @@ class Scenario(Strict):
         return self._sample_files
 
     @property
+    def controller_place(self) -> Place | None:
+        """Where its controller is to be found; None for the feel model."""
+        if self.controller is None:
+            return None
+        folder = self.path.parent if self.path else Path()
+        key = f"{self.path or self.name}: controller.source:"
+        return Place(self.controller.source, self.controller.arguments, folder, key)
+
+    @property
     def notes(self) -> tuple[str, ...]:
         """What was understood of each sample file, in one line each."""
         return self._notes
@@ -182,6 +206,18 @@ class Scenario(Strict):
         except FaultError as fault:
             raise InputError(printable(str(fault), LONGEST_LINE)) from None
         return other
+
+    def idle(self, start: float, end: float) -> str:
+        """Why the column is not meant to follow the feel model from ``start`` to ``end`` [s]; empty if it is."""
+        power, mode, since = self.drive.power, "", 0.0
+        for change in [*self.changes, None]:
+            until = self.duration if change is None else change.at
+            if since < end and until > start + SOON and (power == "off" or mode in ("off", "torque")):
+                state = "off" if "off" in (power, mode) else f"in mode {mode}"
+                return f"the drive is {state} from {since:g} s to {until:g} s"
+            if change is not None:
+                power, mode, since = change.power or power, change.mode or mode, change.at
+        return ""
 
     def parameters_at_start(self) -> Parameters:
         """All parameters of the bench when the run begins."""
@@ -254,8 +290,8 @@ def parse_scenario(
 
 
 _TABLES: Mapping[str, type[Strict]] = {
-    "drive": DriveStart, "squeeze": Squeeze, "record": Record, "changes": Change, "checks": Check,
-    "expected_trips": ExpectedTrip,
+    "controller": Controller, "drive": DriveStart, "squeeze": Squeeze, "record": Record, "changes": Change,
+    "checks": Check, "expected_trips": ExpectedTrip,
 }  # fmt: skip
 
 

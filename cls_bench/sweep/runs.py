@@ -6,7 +6,8 @@ from pathlib import Path
 
 from cls_bench.analysis.memory import Memory
 from cls_bench.bench import Bench, DivergedError
-from cls_bench.experiment import ending, measure
+from cls_bench.errors import ControllerError
+from cls_bench.experiment import ending, make_controller, measure
 from cls_bench.scenario import Check, Scenario, parse_scenario
 from cls_bench.sweep.engine import Point, Value
 from cls_bench.sweep.plan import Plan, override
@@ -17,14 +18,16 @@ def measure_in_memory(scenario: Scenario) -> dict[str, Value]:
 
     Checks whose window a diverged run did not reach are NaN. Raises InputError if the bench cannot be built.
     """
-    bench = Bench(scenario.parameters_at_start(), seed=scenario.seed)
-    memory, failure = Memory(scenario.checks), None
+    parameters = scenario.parameters_at_start()
+    bench = Bench(parameters, seed=scenario.seed, controller=make_controller(scenario, parameters))
+    memory = Memory(scenario.checks)
+    failure: DivergedError | ControllerError | None = None
     try:
         for block in bench.run(scenario):
             memory.keep(block)
-    except DivergedError as error:
+    except (DivergedError, ControllerError) as error:
         failure = error
-    results = measure(scenario, memory)
+    results = measure(scenario, memory, own_loop=scenario.controller is not None)
     found = ending(scenario, bench.trips, failure).judged(results)
     values = {result.check.name: float(result.value) for result in results}
     return {"status": found.status, "message": found.message, **values}

@@ -1,9 +1,13 @@
 """Runs the cases and gathers their rows."""
 
 import math
+import os
+import signal
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
-from multiprocessing import get_context
+from contextlib import contextmanager
+from multiprocessing import get_context, parent_process
 
 from cls_bench.errors import BenchError
 from cls_bench.parameters import Parameters
@@ -51,6 +55,30 @@ def _rows(case: Case, subject: Subject) -> list[Row]:
         return [Row(name.partition(".")[0], f"{name}: {error}", "", math.nan, "", math.nan, 0.0)]
 
 
+def _end_with_parent() -> None:
+    """In a worker: end when the process that started it is gone, whatever ended it."""
+
+    def wait() -> None:
+        parent = parent_process()
+        if parent is not None:
+            parent.join()
+        os._exit(1)
+
+    threading.Thread(target=wait, daemon=True).start()
+
+
+@contextmanager
+def _signals_blocked() -> Iterator[None]:
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def verify(
     progress: Callable[[int, int], None] | None = None,
     *,
@@ -73,9 +101,10 @@ def verify(
             report(done, len(cases))
         return rows
     # A fresh interpreter each: forks would share the state of compiled code and of threads.
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_end_with_parent) as pool:
         long_first = sorted(range(len(cases)), key=lambda k: cases[k] not in _LONG)
-        started: dict[Future[list[Row]], int] = {pool.submit(_rows, cases[k], subject): k for k in long_first}
+        with _signals_blocked():  # the workers inherit it: Ctrl-C is this process's
+            started: dict[Future[list[Row]], int] = {pool.submit(_rows, cases[k], subject): k for k in long_first}
         found: dict[int, list[Row]] = {}
         try:
             for done, future in enumerate(as_completed(started), start=1):
