@@ -172,7 +172,8 @@ def test_a_full_disk_is_one_line(tmp_path: Path, small_disk: Callable[[str], Pat
     (tmp_path / "short.toml").write_text(TOML.replace("0.8", "3.0"))
     disk = small_disk(options)
     line = said(cls_bench("run", tmp_path / "short.toml", "--out", disk))
-    assert line.startswith("error: cannot write ") and line.endswith(("No space left on device", "Read-only file system"))
+    assert line.startswith("error: cannot write ")
+    assert line.endswith("Read-only file system" if options.endswith("ro") else "No space left on device")
     files = list(disk.iterdir())
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -351,7 +352,7 @@ def test_the_views_of_less(tmp_path: Path) -> None:
     ("options", "problem"),
     [
         (["--signals", "/colum.angle"], 'record.signals: "/colum.angle" is no signal; did you mean /column.angle'),
-        (["--rate", "3000"], "record.rate_hz: 3000 Hz is not 20000 Hz over a whole number; the nearest are 2857.14 and"),
+        (["--rate", "3000"], "record.rate_hz: 3000 Hz is not 20000 Hz over a whole number; the nearest are 2857"),
         (["--rate", "0"], "record.rate_hz: 0.0 is not valid; give a number ≥ 1"),
         (["--rate", "nan"], "record.rate_hz: "),
         (["--signals", ""], 'record.signals: "" is no signal'),
