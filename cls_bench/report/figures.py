@@ -209,9 +209,11 @@ def tracking(run: RecordedRun, spans: Sequence[Span]) -> Iterator[Picture]:
             if Span(*c.window) == span and "frequency" in c.arguments
         )
         rows = slice(0, min(len(w.time), int(PERIODS / frequency * w.rate)))
-        lag = 1e-3 * metrics.tracking_lag_ms(w)
+        try:
+            lag = 1e-3 * metrics.tracking_lag_ms(w)
+        except metrics.Unmeasured:
+            lag = math.nan
         time, angle, model = w.time[rows], w["/column.angle"][rows] / DEG, w["/feel.angle"] / DEG
-        late = np.interp(time - lag, w.time, model)
         figure, (ax, error) = new_figure(2, height=5.2, shares=(3, 2))
         ax.plot(*thin(time, model[rows]), color=COLOR["model"], label=run.set_label)
         ax.plot(*thin(time, angle), color=COLOR["measured"], ls=(0, (4, 3)), label="column (measured)")
@@ -219,9 +221,10 @@ def tracking(run: RecordedRun, spans: Sequence[Span]) -> Iterator[Picture]:
         legend(ax, columns=2, place="upper right")
         room_above(ax, 0.15)
         error.plot(*thin(time, angle - model[rows]), color=COLOR["error"], label="column − set")
-        settled = time > time[0] + lag
-        left = thin(time[settled], (angle - late)[settled])
-        error.plot(*left, color=COLOR["expected"], ls=":", label=f"less the lag of {1e3 * lag:.1f} ms")
+        if math.isfinite(lag):
+            settled = time > time[0] + lag
+            left = thin(time[settled], (angle - np.interp(time - lag, w.time, model))[settled])
+            error.plot(*left, color=COLOR["expected"], ls=":", label=f"less the lag of {1e3 * lag:.1f} ms")
         error.set_ylabel("error [°]")
         error.set_xlabel("time [s]")
         legend(error, columns=2, place="upper right")
