@@ -1,5 +1,6 @@
 """The figures of a run: which ones follows from what the scenario measures, so that they show what is judged."""
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
