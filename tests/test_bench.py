@@ -3,6 +3,7 @@
 import hashlib
 import math
 import os
+import signal
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -226,7 +227,7 @@ def raises():
 def test_a_failing_loop_ends_the_run_and_leaves_what_was(how, message):
     r = run(controller=Fails(how), duration=0.5)
     assert isinstance(r.error, ControllerError)
-    assert r.error.exit_code == 3
+    assert r.error.exit_code == 5
     text = str(r.error)
     assert text.startswith("Fails.step ")
     assert message in text
@@ -301,7 +302,7 @@ def test_ctrl_c_in_a_users_loop_passes_through():
     class Interrupted:
         def step(self, inputs):
             if inputs.time >= 0.01:
-                raise KeyboardInterrupt
+                signal.raise_signal(signal.SIGINT)
             return Command(0.0)
 
     scenario = parse_scenario('title = "test"\nduration = 0.2')

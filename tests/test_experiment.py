@@ -83,12 +83,12 @@ class Wild:
 
 def test_nan_from_a_users_controller_stops_the_run_and_keeps_the_recording(tmp_path: Path) -> None:
     result = run(parse_scenario(TOML), out=tmp_path, rerun=False, controller=Wild())
-    assert result.status == "diverged"
-    assert result.exit_code == 3
+    assert result.status == "controller_failed"
+    assert result.exit_code == 5
     assert "Wild.step returned" in result.message
     assert "0.2000 s" in result.message
     recording = result.recording()
-    assert recording.status == "diverged"
+    assert recording.status == "controller_failed"
     assert len(recording.read("/column")) == 4000
     assert any(event.level == "error" for event in recording.events())
     assert math.isnan(result["late"])
