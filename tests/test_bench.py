@@ -3,6 +3,7 @@
 import hashlib
 import math
 import os
+import signal
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -313,7 +314,7 @@ def test_ctrl_c_in_a_users_loop_passes_through():
     class Interrupted:
         def step(self, inputs):
             if inputs.time >= 0.01:
-                raise KeyboardInterrupt
+                signal.raise_signal(signal.SIGINT)
             return Command(0.0)
 
     scenario = parse_scenario('title = "test"\nduration = 0.2')

@@ -24,9 +24,18 @@ _PLAIN = {
 """How signs are written where the encoding has none for them."""
 
 
+_ascii = codecs.lookup("ascii")
+_ASCII = codecs.CodecInfo(
+    _ascii.encode, _ascii.decode, _ascii.streamreader, _ascii.streamwriter, _ascii.incrementalencoder,
+    _ascii.incrementaldecoder, name="cls_bench_ascii",
+)  # fmt: skip
+"""ASCII under another name: click takes a stream that says it is ASCII for misconfigured and writes UTF-8 to it."""
+
+
 def install() -> None:
     """Make the process's standard streams safe."""
     codecs.register_error("cls_bench.plain", _plain)
+    codecs.register(lambda name: _ASCII if name == _ASCII.name else None)
     for descriptor in range(3):
         _open(descriptor)
     sys.stdout = _writer(sys.stdout, 1, "standard output", quiet=False)
@@ -59,6 +68,8 @@ def _open(descriptor: int) -> None:
 
 def _writer(stream: Any, descriptor: int, name: str, quiet: bool) -> io.TextIOWrapper:
     encoding = getattr(stream, "encoding", None) or "utf-8"
+    if codecs.lookup(encoding).name == "ascii":
+        encoding = _ASCII.name
     interactive = os.isatty(descriptor)
     buffer = io.BufferedWriter(_Stream(descriptor, name, quiet))
     return io.TextIOWrapper(buffer, encoding, "cls_bench.plain", line_buffering=interactive or quiet)
