@@ -160,25 +160,13 @@ def _locked(folder: Path) -> int | None:
     """A descriptor that holds the lock of ``folder`` until it is closed or the process ends; None if another does."""
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
-        if lock(descriptor):
-            return descriptor
-    except BaseException:
-        os.close(descriptor)
-        raise
-    os.close(descriptor)
-    return None
-
-
-def lock(descriptor: int) -> bool:
-    """Lock an open file until it is closed or the process ends; False if another process or thread holds it.
-
-    Raises OSError.
-    """
-    try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    return True
+    except OSError as error:
+        os.close(descriptor)
+        if isinstance(error, BlockingIOError):
+            return None
+        raise
+    return descriptor
 
 
 @contextmanager

@@ -245,6 +245,7 @@ def run(
                 {result.check.name: _finite(result.value) for result in checks},
             )  # fmt: skip
             timing = Timing(simulated, time.perf_counter() - start - measuring)
+            progress.advanced(simulated, timing.real_time_factor)
     except KeyboardInterrupt:
         if recorder is None:
             raise

@@ -3,6 +3,7 @@
 import hashlib
 import math
 import os
+import signal
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -114,7 +115,7 @@ def test_the_model_travels_complete():
 
 
 def test_a_linkage_that_cannot_be_closed_is_refused():
-    with pytest.raises(InputError, match=r"^scenario with --set: parameters: .*the linkage cannot be closed over ±24°$"):
+    with pytest.raises(InputError, match=r"^scenario with --set: parameters: .*the linkage cannot be closed"):
         parse_scenario('title = "t"\nduration = 1.0', set=["linkage.crank=0.01"])
 
 
@@ -313,7 +314,7 @@ def test_ctrl_c_in_a_users_loop_passes_through():
     class Interrupted:
         def step(self, inputs):
             if inputs.time >= 0.01:
-                raise KeyboardInterrupt
+                signal.raise_signal(signal.SIGINT)
             return Command(0.0)
 
     scenario = parse_scenario('title = "test"\nduration = 0.2')

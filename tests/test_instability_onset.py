@@ -179,9 +179,25 @@ def test_gate_passes_and_fails_by_its_exit_code():
     assert found["status"] == "passed"
     assert found["ratio"] == pytest.approx(0.86, abs=0.05)
     assert found["ratio"] == pytest.approx(found["critical_forward_inertia"] / 0.3)
+    assert found["present_forward_inertia"] == pytest.approx(0.2017, abs=1e-4)
+    assert found["margin"] == pytest.approx(found["critical_forward_inertia"] / 0.20169 - 1.0, abs=1e-3)
     status, output = invoke("check", "onset", "--ideal", "--min-ratio", "1.5")
     assert status == 1
     assert output.startswith("FAILED: onset at I_fwd = 0.2")
+
+
+def test_gate_fails_when_the_present_hand_is_beyond_the_onset():
+    status, output = invoke("check", "onset", "--ideal", "--min-ratio", "0.7", "--set", "feel.inertia=0.2")
+    assert status == 1
+    assert "THE PRESENT HAND IS BEYOND THE ONSET" in output
+    assert "margin -3" in output
+
+
+def test_gate_asks_for_a_margin():
+    assert invoke("check", "onset", "--ideal", "--min-margin", "0.1")[0] == 0
+    status, output = invoke("check", "onset", "--ideal", "--min-margin", "0.6", "--json")
+    assert status == 1
+    assert json.loads(output)["status"] == "failed"
 
 
 def test_predict_command():
@@ -225,8 +241,14 @@ def test_frequency_response_command(tmp_path):
     [
         (("onset", "--vary", "mass"), 'vary = "mass": must be limb_mass'),
         (("onset", "--grip", "2"), "--grip 2: must be a number from 0"),
-        (("onset", "--controller", "no_such:thing"), "--controller no_such:thing: No module"),
-        (("onset", "--controller", "math:no"), 'module "math" has no "no"'),
+        (("onset", "--controller", "no_such:thing"), "--controller no_such:thing: there is no module no_such"),
+        (("onset", "--controller", "math:no"), "--controller math:no: defines no no"),
+        (("check", "onset"), "give --min-ratio, --min-margin, or both"),
+        (("check", "onset", "--min-ratio", "nan"), "not a finite number"),
+        (("check", "onset", "--min-ratio", "-1"), "--min-ratio"),
+        (("check", "onset", "--min-margin", "inf"), "--min-margin"),
+        (("onset", "--from", "nan"), "not a finite number"),
+        (("onset", "--seed", str(2**63)), "--seed"),
         (("onset", "--from", "3", "--to", "1"), "must grow"),
         (("onset", "--rate-deg", "90"), "move slower"),
         (("predict", "--set", "feel.inertia=-1"), "feel.inertia"),

@@ -33,7 +33,7 @@ class Argument(NamedTuple):
     greatest: float
 
 
-class Unmeasured(Exception):  # noqa: N818  (a finding, not a fault of the program)
+class Unmeasured(InputError):  # noqa: N818  (a finding, not a fault of the program)
     """A metric has no value in a window; says why."""
 
 

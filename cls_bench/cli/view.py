@@ -130,7 +130,7 @@ def _rrd(paths: Sequence[Path], opened: "Sequence[Recording]") -> Iterator[Path]
     """One .rrd that shows all of ``paths``: the one there is, or one made of ``opened`` for the while."""
     if len(paths) == 1:
         rrd = paths[0].with_suffix(".rrd")
-        if rrd.is_file():
+        if rrd.is_file() and (rrd.stat().st_size or not opened):  # a run that was killed early left nothing in it
             _check_rrd(rrd)
             yield rrd
             return

@@ -5,7 +5,7 @@ MCAP header before it, every Message record of a topic has the same length. So t
 array, and where each of them lies in the chunk follows from the topics' rates.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -43,9 +43,9 @@ def tags(signals: int) -> NDArray[np.uint8]:
     return np.arange(1, signals + 1, dtype=np.uint8) * np.uint8(8) + np.uint8(1)
 
 
-def rows_of(topic: Topic, block: Block, recorded: Mapping[str, Topic] = TOPIC) -> NDArray[np.float64]:
-    """The samples of ``topic`` in ``block``: the signals and ticks it has, of those that ``recorded`` has."""
-    source = recorded[topic.path]
+def rows_of(topic: Topic, block: Block) -> NDArray[np.float64]:
+    """The samples of ``topic`` in ``block``: the signals and ticks it has, of those that were simulated."""
+    source = TOPIC[topic.path]
     rows = block.signals[topic.path]
     if topic.ticks != source.ticks:
         rows = rows[block.row_ticks(source.ticks) % topic.ticks == 0]

@@ -53,7 +53,7 @@ class RerunRecorder:
         try:
             self._file.stream.send_recording_name(info.scenario_name)
             self._file.stream.send_property("run", _run_properties(info))
-            self._run = _Run(self._file, info, "", topics, TOPIC, poses=poses)
+            self._run = _Run(self._file, info, "", topics, poses=poses)
             self._file.flush()
         except BaseException:
             self._file.close()
@@ -100,7 +100,7 @@ def write_rrd(recordings: Sequence[Recording], path: Path) -> None:
         if alone:
             file.stream.send_property("run", _run_properties(infos[0]))
         for prefix, info, recording in zip(prefixes, infos, recordings, strict=True):
-            run = _Run(file, info, prefix, tuple(recording.topics.values()), recording.topics)
+            run = _Run(file, info, prefix, _known(recording))
             for block in recording.blocks():
                 run.write(block)
             run.finish()
@@ -110,6 +110,17 @@ def write_rrd(recordings: Sequence[Recording], path: Path) -> None:
         file.close()
         raise
     file.finish()
+
+
+def _known(recording: Recording) -> list[Topic]:
+    """The topics of a recording as its blocks hold them: of those there are, with the rows that were recorded."""
+    found = []
+    for topic in recording.topics.values():
+        if (ours := TOPIC.get(topic.path)) is not None:
+            signals = tuple(signal for signal in ours.signals if signal.name in topic.names)
+            ticks = ours.ticks if topic.ticks % ours.ticks else topic.ticks
+            found.append(replace(ours, signals=signals, ticks=ticks))
+    return [topic for topic in found if topic.signals]
 
 
 def _opened(path: Path, prefixes: Sequence[str], titles: Sequence[str]) -> RerunFile:
@@ -149,19 +160,14 @@ class _Batch:
 
 
 class _Run:
-    """Sends one run's data to a file, its entities below ``prefix``.
-
-    ``topics`` are shown; ``recorded`` are those that the blocks hold, by path.
-    """
+    """Sends one run's data to a file, of its signals those of ``topics``, its entities below ``prefix``."""
 
     def __init__(
-        self, file: RerunFile, info: RunInfo, prefix: str, topics: Sequence[Topic], recorded: Mapping[str, Topic], *,
-        poses: bool = True,
-    ):  # fmt: skip
+        self, file: RerunFile, info: RunInfo, prefix: str, topics: Sequence[Topic], *, poses: bool = True
+    ):
         self.written_ticks = 0
         self._file, self._stream = file, file.stream
         self._prefix = prefix
-        self._recorded = recorded
         self._topics = {
             t.path: t if VIEW_TICKS % t.ticks else replace(t, ticks=VIEW_TICKS) for t in topics
         }  # fmt: skip
@@ -183,7 +189,7 @@ class _Run:
     def write(self, block: Block) -> None:
         """Take over ``block``."""
         for path, topic in self._topics.items():
-            self._parts[path].append((block.row_ticks(topic.ticks), rows_of(topic, block, self._recorded)))
+            self._parts[path].append((block.row_ticks(topic.ticks), rows_of(topic, block)))
         if self._has_poses:
             self._pose_ticks.append(block.row_ticks(POSE_TICKS))
             self._poses.append(block.poses)

@@ -1,5 +1,6 @@
 """The figures of a run: which ones follows from what the scenario measures, so that they show what is judged."""
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -134,15 +135,13 @@ def static(run: RecordedRun, spans: Sequence[Span]) -> Iterator[Picture]:
         error.set_xlabel("column angle φ [°]")
         error.sharex(ax)
         figure.align_ylabels()
+        dotted = "; the dotted lines follow from the parameters alone, without the damping a slow motion still feels."
         yield Picture(
             f"static_{k}" if len(spans) > 1 else "static",
             "Static sweep: torque over displacement",
             "The hand moves the column slowly over its travel. The loop's width is twice the friction, its slopes are "
             "the springs, its ends the travel limits"
-            + (
-                "; the dotted lines follow from the parameters alone, without the damping that a slow motion still feels."
-                if run.has_feel_model else ", as the user's own controller renders them."
-            ),
+            + (dotted if run.has_feel_model else ", as the user's own controller renders them."),
             figure,
         )
 
@@ -161,7 +160,7 @@ def released(run: RecordedRun, spans: Sequence[Span]) -> Iterator[Picture]:
         caption = "The hand lets go and the column moves freely."
         if run.has_feel_model:
             expected = free_response.expected_response(w.parameters, float(angle[0]), time)
-            curve = {"color": COLOR["expected"], "ls": ":"}
+            curve: dict[str, Any] = {"color": COLOR["expected"], "ls": ":"}
             ax.plot(*thin(time, expected / DEG), **curve, label="expected: independent solution")
             error.plot(*thin(time, (angle - expected) / DEG), **curve, label="column − expected")
             table = _part60(time, angle, expected)
@@ -211,9 +210,11 @@ def tracking(run: RecordedRun, spans: Sequence[Span]) -> Iterator[Picture]:
             if Span(*c.window) == span and "frequency" in c.arguments
         )
         rows = slice(0, min(len(w.time), int(PERIODS / frequency * w.rate)))
-        lag = 1e-3 * metrics.tracking_lag_ms(w)
+        try:
+            lag = 1e-3 * metrics.tracking_lag_ms(w)
+        except metrics.Unmeasured:
+            lag = math.nan
         time, angle, model = w.time[rows], w["/column.angle"][rows] / DEG, w["/feel.angle"] / DEG
-        late = np.interp(time - lag, w.time, model)
         figure, (ax, error) = new_figure(2, height=5.2, shares=(3, 2))
         ax.plot(*thin(time, model[rows]), color=COLOR["model"], label=run.set_label)
         ax.plot(*thin(time, angle), color=COLOR["measured"], ls=(0, (4, 3)), label="column (measured)")
@@ -221,9 +222,10 @@ def tracking(run: RecordedRun, spans: Sequence[Span]) -> Iterator[Picture]:
         legend(ax, columns=2, place="upper right")
         room_above(ax, 0.15)
         error.plot(*thin(time, angle - model[rows]), color=COLOR["error"], label="column − set")
-        settled = time > time[0] + lag
-        left = thin(time[settled], (angle - late)[settled])
-        error.plot(*left, color=COLOR["expected"], ls=":", label=f"less the lag of {1e3 * lag:.1f} ms")
+        if math.isfinite(lag):
+            settled = time > time[0] + lag
+            left = thin(time[settled], (angle - np.interp(time - lag, w.time, model))[settled])
+            error.plot(*left, color=COLOR["expected"], ls=":", label=f"less the lag of {1e3 * lag:.1f} ms")
         error.set_ylabel("error [°]")
         error.set_xlabel("time [s]")
         legend(error, columns=2, place="upper right")
@@ -335,8 +337,9 @@ def imperfections(run: RecordedRun, spans: Sequence[Span]) -> Iterator[Picture]:
         yield Picture(
             f"imperfections{suffix}",
             "What the gearbox leaves: tracking error and its orders",
-            "Above, the error of the column over its angle while the hand moves it steadily; below, its order spectrum. Lines at the stages' mesh orders come from the teeth passing each other; what "
-            "is broad comes from friction.",
+            "Above, the error of the column over its angle while the hand moves it steadily; below, its order "
+            "spectrum. Lines at the stages' mesh orders come from the teeth passing each other; what is broad comes "
+            "from friction.",
             figure,
         )
 
