@@ -514,7 +514,7 @@ def test_a_damaged_chunk_costs_that_chunk(kind: str, run: Path, tmp_path: Path) 
     judged = opened_run(path)
     early, late = judged.checks
     assert early.value == opened_run(run).checks[0].value and early.passed
-    assert np.isnan(late.value) and not late.passed and "is missing at 0.22 s" in late.note
+    assert np.isnan(late.value) and not late.passed and late.note == "there are no samples from 0.22 to 0.38 s"
     assert judged.verdict == NOT_MEASURED
     if kind not in ("bits", "missing"):
         return
@@ -689,8 +689,10 @@ def test_sample_files_come_from_the_recording_alone(run: Path, tmp_path: Path) -
         done = invoke("report", path, "--out", tmp_path)
         assert done.exit_code == 2 and done.stderr.count("\n") == 1 and "its scenario cannot be read" in done.stderr
         assert len(done.stderr) < 1500
-    inside = changed(path, tmp_path / "y.mcap", lambda r: r.insert(9, attachment("x" * 10_000, secret.read_bytes())))
-    assert opened_run(inside).scenario.sample_files == {"x" * 10_000: secret.read_bytes()}
+    evil = attachment("scenario.toml", toml.replace(b"x" * 10_000, b"/etc/passwd"))
+    path = changed(run, path, lambda r: replace_named(r, evil, "scenario.toml"))
+    inside = changed(path, tmp_path / "y.mcap", lambda r: r.insert(9, attachment("/etc/passwd", secret.read_bytes())))
+    assert opened_run(inside).scenario.sample_files == {"/etc/passwd": secret.read_bytes()}
 
 
 def test_names_that_climb_leave_the_disk_alone(run: Path, tmp_path: Path) -> None:

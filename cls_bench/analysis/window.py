@@ -135,9 +135,10 @@ class Window:
     def _flaw(self, signal: str, values: Array, there: NDArray[np.bool_], sound: NDArray[np.bool_]) -> str:
         """What is wrong with samples of which some are not ``there``, or there but not ``sound``."""
         first = int(np.flatnonzero(~sound)[0])
+        if not there.any():
+            return f"there are no samples from {self.start:g} to {self.end:g} s"
         if not there[first:].any():
-            ended = f"at {(self._first + first - 1) * PLC_S:.4f} s" if first else "before it began"
-            return f"the samples end {ended}, the window at {self.end:g} s"
+            return f"the samples end at {(self._first + first - 1) * PLC_S:.4f} s, the window at {self.end:g} s"
         what = "missing" if not there[first] else "beyond all bounds" if np.isfinite(values[first]) else "not finite"
         lost = f"{np.count_nonzero(~sound)} of {self.rows} samples"
         return f"{signal} is {what} at {(self._first + first) * PLC_S:.4f} s, {lost}"

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from cls_bench import experiment
 from cls_bench.analysis import metrics
-from cls_bench.analysis.window import Window
+from cls_bench.analysis.window import Window, holds_all
 from cls_bench.errors import InputError, one_line
 from cls_bench.parameters import Parameters, leaves
 from cls_bench.recording import Recording
@@ -23,7 +23,7 @@ from cls_bench.recording.mcap_reader import INCOMPLETE
 from cls_bench.recording.recorder import INTERRUPTED
 from cls_bench.run_log import trip_of
 from cls_bench.scenario import Scenario, parse_scenario
-from cls_bench.signals import PLC_TICKS, POSE_TICKS, TICK_S, TOPICS, Event
+from cls_bench.signals import PLC_TICKS, POSE_TICKS, TICK_S, Event
 from cls_bench.text import printable
 
 SCENARIO_FILE = "scenario.toml"
@@ -117,18 +117,14 @@ class RecordedRun:
 
     def _with_recorded_value(self, result: experiment.CheckResult) -> experiment.CheckResult:
         value = self._recorded_values.get(result.check.name)
-        if self._is_whole or value is None or not math.isnan(result.value):
+        if self._is_whole or self.recording.losses or value is None or not math.isnan(result.value):
             return result
         return replace(result, value=value, note="as measured by the run; its samples were not recorded")
 
     @property
     def _is_whole(self) -> bool:
-        """Whether all signals were recorded, with all their samples."""
-        topics = self.recording.topics
-        return all(
-            known.path in topics and topics[known.path].ticks == known.ticks
-            and set(known.names) <= set(topics[known.path].names) for known in TOPICS
-        )  # fmt: skip
+        """Whether all that checks can need was recorded."""
+        return holds_all(tuple(self.recording.topics.values()))
 
     @cached_property
     def _recorded_values(self) -> dict[str, float | None]:
@@ -173,8 +169,8 @@ class RecordedRun:
             ran = int(result.get("ticks", "0")) * TICK_S
             if ran > self.duration + PLC_TICKS * TICK_S:
                 yield f"the run went on to {ran:g} s, its samples end at {self.duration:g} s"
-        recorded = result.get("verdict", status if status in experiment.EXIT_CODES else self.verdict)
-        if recorded != self.verdict:
+        recorded = result.get("verdict", status)
+        if recorded != self.verdict and (recorded != status or status in experiment.EXIT_CODES):
             yield f'the file says "{recorded}", its samples and events give "{self.verdict}"'
         found = {entry.check.name: entry.value for entry in self._measured}
         for name, value in self._recorded_values.items():
