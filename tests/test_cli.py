@@ -137,12 +137,12 @@ def test_every_shipped_scenario_is_valid_for_us_and_for_the_schema() -> None:
 @pytest.mark.parametrize("change, words", [
     (("duration = 0.2", "duraton = 0.2"), ("duraton", "duration")),
     (("duration = 0.2", 'duration = "long"'), ("duration", '"long"', "number")),
-    (("duration = 0.2", "duration = 0.0"), ("duration", "0.0", "> 0")),
+    (("duration = 0.2", "duration = 0.0"), ("duration", "0.0", "≥ 0.001")),
     (("window = [0.0, 0.2]", "window = [0.0, 3.0]"), ("checks[0].window", "3", "0.2")),
     (('metric = "maximum"', 'metric = "maxmum"'), ("checks[0].metric", "maxmum", "maximum")),
     (('signal = "/column.angle"', 'signal = "/column.angel"'), ("checks[0].signal", "/column.angel", "angle")),
     (('signal = "/column.angle"', ""), ("checks[0]", "signal")),
-    (("[[checks]]", "[parameters.feel]\ninertia = -1.0\n[[checks]]"), ("parameters.feel.inertia", "-1", "> 0")),
+    (("[[checks]]", "[parameters.feel]\ninertia = -1.0\n[[checks]]"), ("parameters.feel.inertia", "-1", "≥ 0.001")),
     (("[[checks]]", "[[checks"), ("line 8", "TOML")),
 ])  # fmt: skip
 def test_a_bad_scenario_is_one_line_that_names_file_key_value_and_what_is_valid(
@@ -162,7 +162,7 @@ def test_a_bad_scenario_is_one_line_that_names_file_key_value_and_what_is_valid(
 
 @pytest.mark.parametrize("override, words", [
     ("feel.inertia", ("KEY=VALUE",)),
-    ("feel.inertia=-1.0", ("feel.inertia", "-1", "> 0")),
+    ("feel.inertia=-1.0", ("feel.inertia", "-1", "≥ 0.001")),
     ("feel.inertai=1.0", ("feel.inertai", "inertia")),
     ("gearbox.efficiency=0.99", ("efficiency", "0.99")),
 ])  # fmt: skip

@@ -333,7 +333,8 @@ def foreign_files(folder: Path) -> Iterator[Path]:
     for name, encoding, schema, about in (
         ("json", "json", ("stick", "jsonschema", b"{}"), {}),
         ("ticks", "json", ("x", "jsonschema", b"{}"), {"ticks": "5"}),
-        ("no_schema", "json", None, {"ticks": "5"}), ("protobuf", "protobuf", ("x.Y", "protobuf", b"\n"), {"ticks": "1"}),
+        ("no_schema", "json", None, {"ticks": "5"}),
+        ("protobuf", "protobuf", ("x.Y", "protobuf", b"\n"), {"ticks": "1"}),
     ):  # fmt: skip
         for chunked in (False, True):
             path = folder / f"{name}_{chunked}.mcap"
@@ -345,7 +346,8 @@ def foreign_files(folder: Path) -> Iterator[Path]:
                 writer.add_message(channel, 17 * 10**17, b"{}", 17 * 10**17)
                 writer.finish()
             yield path
-    for name, content in (("empty", b""), ("bag", b"#ROSBAG V2.0\n" + bytes(100)), ("cut", MAGIC), ("text", b"hello")):
+    bag = b"#ROSBAG V2.0\n" + bytes(100)
+    for name, content in (("empty", b""), ("bag", bag), ("cut", MAGIC), ("text", b"hello")):
         path = folder / f"{name}.mcap"
         path.write_bytes(content)
         yield path
@@ -388,7 +390,8 @@ def test_arguments_are_looked_at_before_libraries(run: Path) -> None:
         "from cls_bench.cli import main; main(sys.argv[1:])"
     )
     for arguments, said in (
-        (("missing.mcap",), "missing.mcap: no such file"), ((run, "--at", 9), "ends at 0.42 s; there is nothing at 9 s"),
+        (("missing.mcap",), "missing.mcap: no such file"),
+        ((run, "--at", 9), "ends at 0.42 s; there is nothing at 9 s"),
         ((run, "--camera", "moon"), "valid: bench, side, pilot, drive"), ((run, "--at", "nan"), "nothing at nan s"),
         ((run, "--video", "--from", 0.3, "--to", 0.2), "must start before it ends"),
         ((run, "--video", "--to", 7), "there is nothing at 7 s"), ((run.parent,), "it is a folder"),

@@ -105,8 +105,12 @@ def _percent(part: float) -> str:
               help="Folder for the pages.")  # fmt: skip
 @click.option("--recordings", type=click.Path(path_type=Path),
               help="Folder that keeps the recordings; without it they are deleted.")  # fmt: skip
-def gallery(out: Path, recordings: Path | None) -> None:
-    """Run all shipped scenarios and build a page of them, with a report of each."""
+@click.pass_context
+def gallery(ctx: click.Context, out: Path, recordings: Path | None) -> None:
+    """Run all shipped scenarios and build a page of them, with a report of each.
+
+    The exit code is the gravest of the runs'.
+    """
     import tempfile
     import time
 
@@ -119,7 +123,7 @@ def gallery(out: Path, recordings: Path | None) -> None:
     from cls_bench.scenario import load_scenario
 
     with tempfile.TemporaryDirectory() as folder:
-        runs = []
+        runs, codes = [], []
         for name in shipped_scenarios():
             scenario = load_scenario(name)
             with progress_bar(scenario.duration, quiet=False) as progress:
@@ -131,7 +135,9 @@ def gallery(out: Path, recordings: Path | None) -> None:
                     raise Interrupted("interrupted; nothing is kept without --recordings") from None
             click.echo(f"{name}: {result.status}")
             runs.append(RecordedRun(result.mcap))
+            codes.append(result.exit_code)
         click.echo(write_gallery(runs, results_folder(out, began)))
+    ctx.exit(max(codes, default=0))
 
 
 @click.command()

@@ -176,9 +176,14 @@ def frequency_response(
             written += save(figures.nyquist(measured), folder / "nyquist")
     except OSError as error:
         raise OutputError(f"cannot write {folder}: {error.strerror}") from None
+    for line in measured.limited:
+        say(f"warning: {line}")
     if as_json:
         numbers = {k: {name: _finite(value) for name, value in v.items()} for k, v in found.items()}
-        print_json({"loop": loop, "numbers": numbers, "files": [str(path) for path in written]})
+        print_json({
+            "loop": loop, "numbers": numbers, "limits_reached": list(measured.limited),
+            "files": [str(path) for path in written],
+        })  # fmt: skip
         return
     rows = [(kind, name, "—" if math.isnan(v) else number(v)) for kind, values in found.items()
             for name, v in values.items()]  # fmt: skip

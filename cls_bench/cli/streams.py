@@ -6,6 +6,7 @@ the command ends as it would have. A full device is an OutputError for standard 
 
 import codecs
 import io
+import logging
 import os
 import select
 import sys
@@ -30,7 +31,19 @@ def install() -> None:
         _open(descriptor)
     sys.stdout = _writer(sys.stdout, 1, "standard output", quiet=False)
     sys.stderr = _writer(sys.stderr, 2, "standard error", quiet=True)
-    warnings.showwarning = _show_warning
+    quiet_warnings()
+
+
+def quiet_warnings() -> None:
+    """Warnings become one line each, without source; what numpy says of a metric that has no value shows in its NaN."""
+    from cls_bench.cli.failures import say
+
+    def show(message: Any, category: Any, filename: str, lineno: int, file: Any = None, line: Any = None) -> None:
+        say(f"warning: {one_line(str(message) if isinstance(message, UserWarning) else message)}")
+
+    warnings.filterwarnings("ignore", category=RuntimeWarning, module=r"cls_bench\.(analysis|report)|numpy|matplotlib")
+    warnings.showwarning = show
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # a folder of its own that it cannot write is no news
 
 
 def _open(descriptor: int) -> None:
@@ -88,12 +101,3 @@ def _plain(error: UnicodeError) -> tuple[str | bytes, int]:
         return bytes([ord(letter) - 0xDC00]), error.start + 1
     similar = unicodedata.normalize("NFKD", letter).encode("ascii", "ignore").decode()
     return _PLAIN.get(letter) or similar or "?", error.start + 1
-
-
-def _show_warning(
-    message: Any, category: Any, filename: str, lineno: int, file: Any = None, line: Any = None
-) -> None:
-    from cls_bench.cli.failures import say
-
-    said = str(message) if isinstance(message, UserWarning) else message
-    say(f"warning: {one_line(said)}")

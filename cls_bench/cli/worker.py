@@ -15,13 +15,12 @@ import struct
 import sys
 import threading
 import time
-import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from cls_bench import controllers, interrupts
-from cls_bench.cli import failures
+from cls_bench.cli import failures, streams
 from cls_bench.controllers import TookTooLongError
 from cls_bench.errors import one_line
 
@@ -90,7 +89,7 @@ def main(descriptor: int) -> None:
     failures.Debug.on = job.debug
     threading.excepthook = lambda about: failures.say(f"a thread ended: {one_line(about.exc_value)}")
     sys.unraisablehook = lambda about: failures.say(f"ignored: {one_line(about.exc_value)}")
-    warnings.showwarning = lambda message, *_: failures.say(f"warning: {one_line(str(message))}")
+    streams.quiet_warnings()
     signal.signal(signal.SIGUSR1, _strike)
     watch = threading.Thread(target=_watch, args=(channel, job.limits.seconds), daemon=True)
     watch.start()

@@ -136,6 +136,7 @@ class Recording:
         self._file = McapFile(path)
         self._lock = threading.Lock()
         self._said: set[str] = set()
+        self._verified = False
         self.truncated = self._file.truncated
         self.topics: dict[str, Topic] = {}
         """topics of signals in the file, with units and meanings as recorded"""
@@ -219,13 +220,16 @@ class Recording:
 
     def verify(self) -> None:
         """Read all samples once, so that :attr:`losses` and :attr:`doubts` are complete."""
+        if self._verified:
+            return
+        self._verified = True
         wanted = [_Wanted(topic, topic.names) for topic in self.topics.values()]
 
         def look(messages: Messages) -> None:
             for part in wanted:
                 self._part(messages, part, 0, None)
 
-        self._each_chunk(self._chunks, look)
+        self._each_chunk(self._chosen(0, None), look)
 
     def require_samples(self) -> None:
         """Raise InputError unless there are samples, as far as was read."""
@@ -322,6 +326,7 @@ class Recording:
         A signal that is not in the file is NaN; one with fewer samples than usual is held from one to the next. A block
         ends where samples are lost.
         """
+        self.verify()
         events = self.events()
         bodies = len(self._body_names)
         chunks = self._chosen(0, None)

@@ -134,15 +134,13 @@ def static(run: RecordedRun, spans: Sequence[Span]) -> Iterator[Picture]:
         error.set_xlabel("column angle φ [°]")
         error.sharex(ax)
         figure.align_ylabels()
+        dotted = "; the dotted lines follow from the parameters alone, without the damping a slow motion still feels."
         yield Picture(
             f"static_{k}" if len(spans) > 1 else "static",
             "Static sweep: torque over displacement",
             "The hand moves the column slowly over its travel. The loop's width is twice the friction, its slopes are "
             "the springs, its ends the travel limits"
-            + (
-                "; the dotted lines follow from the parameters alone, without the damping that a slow motion still feels."
-                if run.has_feel_model else ", as the user's own controller renders them."
-            ),
+            + (dotted if run.has_feel_model else ", as the user's own controller renders them."),
             figure,
         )
 
@@ -161,7 +159,7 @@ def released(run: RecordedRun, spans: Sequence[Span]) -> Iterator[Picture]:
         caption = "The hand lets go and the column moves freely."
         if run.has_feel_model:
             expected = free_response.expected_response(w.parameters, float(angle[0]), time)
-            curve = {"color": COLOR["expected"], "ls": ":"}
+            curve: dict[str, Any] = {"color": COLOR["expected"], "ls": ":"}
             ax.plot(*thin(time, expected / DEG), **curve, label="expected: independent solution")
             error.plot(*thin(time, (angle - expected) / DEG), **curve, label="column − expected")
             table = _part60(time, angle, expected)
@@ -335,8 +333,9 @@ def imperfections(run: RecordedRun, spans: Sequence[Span]) -> Iterator[Picture]:
         yield Picture(
             f"imperfections{suffix}",
             "What the gearbox leaves: tracking error and its orders",
-            "Above, the error of the column over its angle while the hand moves it steadily; below, its order spectrum. Lines at the stages' mesh orders come from the teeth passing each other; what "
-            "is broad comes from friction.",
+            "Above, the error of the column over its angle while the hand moves it steadily; below, its order "
+            "spectrum. Lines at the stages' mesh orders come from the teeth passing each other; what is broad comes "
+            "from friction.",
             figure,
         )
 

@@ -203,7 +203,8 @@ def _controller(run: RecordedRun) -> Section | None:
     """Which controller ran, if it was not the feel model."""
     if run.has_feel_model:
         return None
-    about = {key.partition(".")[2]: text for key, text in run.recording.metadata.items() if key.startswith("controller.")}
+    said = run.recording.metadata.items()
+    about = {key.partition(".")[2]: text for key, text in said if key.startswith("controller.")}
     text = "A controller of the user's own ran in place of the feel model, whose parameters had no effect."
     return Section("Controller", text, (("", "recorded"), *((name, value) for name, value in sorted(about.items()))))
 
