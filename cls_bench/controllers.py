@@ -263,8 +263,9 @@ class _Beside:
 
     def _comes_first(self, name: str, importer: Mapping[str, Any]) -> bool:
         """Whether what lies beside is meant by ``name``, and not what is installed."""
-        if name == "cls_bench" or (importer.get("__name__") == f"{self._package}.{name}" and "__path__" not in importer):
-            return False  # no file means itself
+        own = importer.get("__name__") == f"{self._package}.{name}" and "__path__" not in importer
+        if own or name == "cls_bench":  # no file means itself
+            return False
         if f"{self._package}.{name}" in self._files:  # the controller's own: only if there is nothing else it could be
             return name not in sys.modules and importlib.util.find_spec(name) is None
         return _stands_in(self._folder, name)
