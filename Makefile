@@ -2,8 +2,9 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+TESTS ?=
 
-.PHONY: help demo test test-slow lint check bench verify pictures clean
+.PHONY: help demo test test-slow attack lint check bench verify pictures clean
 
 help:  ## Show the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -12,10 +13,13 @@ demo: $(VENV)/.installed  ## Run the friction masking experiment of the thesis
 	$(BIN)/cls-bench run friction_masking
 
 test: $(VENV)/.installed-dev  ## Run the tests
-	$(BIN)/python -m pytest -n auto --dist loadfile -m "not slow"
+	$(BIN)/python -m pytest -n auto --dist loadfile -m "not slow" $(TESTS)
 
 test-slow: $(VENV)/.installed-dev  ## Run all tests, the slow ones too
-	$(BIN)/python -m pytest -n auto --dist loadfile
+	$(BIN)/python -m pytest -n auto --dist loadfile $(TESTS)
+
+attack: $(VENV)/.installed-dev  ## Kill, starve and mislead it a thousandfold, and count what was lost; half an hour
+	$(BIN)/python -m tests.attacks $(ATTACK)
 
 lint: $(VENV)/.installed-dev  ## Style, types and import contracts
 	$(BIN)/ruff check .

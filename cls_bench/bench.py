@@ -12,28 +12,28 @@ from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from cls_bench import tick
 from cls_bench.compiled import JIT, Callback
-from cls_bench.control import plc, servo, tuning
+from cls_bench.control import plc, servo, tuning, validity
 from cls_bench.controllers import failure_of
 from cls_bench.errors import BenchError, ControllerError, ExitCode, InputError, one_line
 from cls_bench.geometry import Geom
 from cls_bench.kinematics import fit_polynomials
-from cls_bench.parameters import DEG, Parameters, leaves, record_of
+from cls_bench.parameters import Parameters, leaves, memory_of
 from cls_bench.pilot import HandTimeline
 from cls_bench.plant import model as plant_model
 from cls_bench.plant import sensors, state
 from cls_bench.resources import model_folder
+from cls_bench.run_log import LimitLog, Trip, trip
 from cls_bench.scenario import Change, Scenario, tick_of
-from cls_bench.signals import PLC_TICKS, POSE_TICKS, TICK_S, TOPICS, VELOCITY_S, Block, Event
+from cls_bench.signals import PLC_TICKS, POSE_TICKS, TICK_S, TOPIC, VELOCITY_S, Block, Event
 from cls_bench.step_limit import check_step
+from cls_bench.trace import buffers, tables
 
 BLOCK_TICKS = 500 * PLC_TICKS
 """Longest block: 0.2 s. A killed run loses at most this much."""
-
-POLYNOMIAL_MARGIN = 3.0 * DEG
-"""How far beyond the limit switches the PLC's polynomials are fitted [rad]."""
 
 
 class Inputs(NamedTuple):
@@ -78,10 +78,10 @@ class DivergedError(BenchError):
 
     exit_code = ExitCode.DIVERGED
 
-    def __init__(self, time: float, signal: str):
-        super().__init__(f"diverged at t = {time:.4f} s: {signal} is not finite or out of all bounds")
+    def __init__(self, time: float, cause: str):
+        super().__init__(f"diverged at t = {time:.4f} s: {cause}")
         self.time = time
-        self.signal = signal
+        self.cause = cause
 
 
 class Bench:
@@ -106,6 +106,10 @@ class Bench:
         self._rng = np.random.Generator(np.random.PCG64(seed))
         memory = np.zeros(1, dtype=tick.STATE)
         self._state: Any = memory.view(np.recarray)[0]
+        self._numbers = validity.numbers(memory)
+        self.trips: list[Trip] = []
+        """trips of the drive, in order"""
+        self._limits = LimitLog()
         self._outer_loop = _Asking(controller, memory)
         self._tick = 0
         self.plant.tendon_stiffness[state.GRIP] = 0.0  # the hand grips when the scenario says so
@@ -122,8 +126,7 @@ class Bench:
         none = np.zeros(0)
         hand = tick.Hand(none, none, none, np.zeros(0, np.bool_), np.zeros(0, np.bool_), none)
         noise = np.zeros((0, sensors.NOISES))
-        _, trace = self._buffers(0, 0)
-        self._advance(hand, noise, trace, 0, 0)
+        self._advance(hand, noise, buffers(0, 0, self.model.nbody), 0, 0)
 
     @property
     def mjcf(self) -> Mapping[str, bytes]:
@@ -163,11 +166,13 @@ class Bench:
     def _apply(self, parameters: Parameters) -> None:
         """Take over ``parameters``, at the start or for a change of live ones in mid-run."""
         self.parameters = parameters
-        self._record = record_of(parameters)
+        memory = memory_of(parameters)
+        self._record = memory.view(np.recarray)[0]
+        self._watched = tick.Watched(self._numbers, validity.numbers(memory))
         plant_model.set_limb_mass(self.model, parameters.limb.mass)
-        travel = parameters.column.switch_angle + POLYNOMIAL_MARGIN
+        reach = parameters.kinematic_range
         try:
-            polynomials = fit_polynomials(parameters.linkage.four_bar, travel, parameters.plc.polynomial_degree)
+            polynomials = fit_polynomials(parameters.linkage.four_bar, reach, parameters.plc.polynomial_degree)
         except ValueError as error:
             raise InputError(f"parameters.linkage: {error}") from None
         self._constants = tick.Constants(
@@ -192,7 +197,7 @@ class Bench:
         timeline = HandTimeline(scenario)
         changes = sorted(scenario.changes, key=lambda change: change.at)
         self._start(scenario)
-        end = -(-scenario.ticks // PLC_TICKS) * PLC_TICKS
+        end = self._end = -(-scenario.ticks // PLC_TICKS) * PLC_TICKS
         while self._tick < end:
             events = []
             while changes and _cycle_start(changes[0]) <= self._tick:
@@ -230,55 +235,72 @@ class Bench:
         first = self._tick
         hand = tick.Hand.of(timeline.sample(first, ticks))
         noise = self._rng.standard_normal((ticks, sensors.NOISES))
-        buffers, trace = self._buffers(first, ticks)
+        trace = buffers(first, ticks, self.model.nbody)
         powered = self._state.power
         failure: BaseException | None = None
-        with self._warnings(events):
+        with self._warnings() as warned:
             done = self._advance(hand, noise, trace, first, ticks)
         if done < ticks:
-            failure = self._outer_loop.failure or DivergedError((first + done) * TICK_S, self._lost_signal())
+            failure = self._outer_loop.failure or DivergedError((first + done) * TICK_S, self._lost(warned))
+        signals = tables(trace, first, done)
+        if (lost := _first_lost(signals, first)) is not None:
+            at, signal = lost
+            done = at - first
+            failure = DivergedError(at * TICK_S, f"recorded signal {signal} is not finite")
+            signals = tables(trace, first, done)
+        events += self._limits.read(first, first + done, signals["/limits"], self._state.limits)
         if powered and not self._state.power:
-            events.append(Event(int(self._state.trip_tick), "error", "safety", _trip_message(self._state.plc.trip)))
+            self.trips.append(trip(int(self._state.trip_tick), int(self._state.plc.trip), self._invalid()))
+            events.append(self.trips[-1].event)
+        last = max(first + done - 1, first)
+        events += [Event(last, "warning", "simulation", message) for message in warned]
         if failure is not None:
-            events.append(Event(max(first + done - 1, first), "error", "simulation", str(failure) or "interrupted"))
+            events.append(Event(last, "error", "simulation", str(failure) or "interrupted"))
         self._tick = first + done
+        if failure is not None or self._tick >= self._end:
+            events += self._limits.finish(last)
         if done or failure is not None:
-            yield _cut(first, done, buffers, trace.poses, tuple(events))
+            rows = -(-(first + done) // POSE_TICKS) - -(-first // POSE_TICKS)
+            yield Block(first, done, signals, trace.poses[:rows], tuple(events))
         if failure is not None:
             raise failure
 
-    def _buffers(self, first: int, ticks: int) -> tuple[dict[str, Any], tick.Trace]:
-        """Room for the signals and poses of a block."""
-        buffers = {t.path: np.zeros((t.rows(first, ticks), len(t.signals))) for t in TOPICS}
-        pose_rows = -(-(first + ticks) // POSE_TICKS) - -(-first // POSE_TICKS)
-        trace = tick.Trace(
-            buffers["/pilot"], buffers["/column"], buffers["/drive"], buffers["/gearbox"], buffers["/load_cell"],
-            buffers["/feel"], np.zeros((pose_rows, self.model.nbody, 7)),
-        )  # fmt: skip
-        return buffers, trace
-
     def _advance(self, hand: Any, noise: Any, trace: Any, first: int, ticks: int) -> int:
         return tick.advance(
-            self.plant, self._record, self._constants, self._state, hand, noise, trace, first, ticks,
+            self.plant, self._record, self._constants, self._state, self._watched, hand, noise, trace, first, ticks,
             self.controller is not None, self._outer_loop.ask,
         )  # fmt: skip
 
     @contextmanager
-    def _warnings(self, events: list[Event]) -> Iterator[None]:
-        """Log MuJoCo's warnings as events; by itself it writes them to a file in the current folder."""
+    def _warnings(self) -> Iterator[list[str]]:
+        """Collect MuJoCo's warnings, and have the tick stop at the first; by itself MuJoCo writes them to a file."""
+        warned: list[str] = []
 
         def log(message: str) -> None:
-            events.append(Event(round(self.data.time / TICK_S), "warning", "simulation", message))
+            warned.append(" ".join(message.split()))
+            self._state.warned = 1
 
         mujoco.set_mju_user_warning(_hear)
         _listening.log = log
         try:
-            yield
+            yield warned
         finally:
             _listening.log = None
 
-    def _lost_signal(self) -> str:
-        return f"velocity of joint {state.JOINTS[tick.first_unbounded(self.plant)]}"
+    def _lost(self, warned: list[str]) -> str:
+        """What a run that left all bounds was lost by."""
+        joint = tick.first_unbounded(self.plant)
+        if joint >= 0:
+            return f"velocity of joint {state.JOINTS[joint]} is not finite or out of all bounds"
+        return f"MuJoCo warned: {warned[0]}"
+
+    def _invalid(self) -> str:
+        """The number that the controller's self-check found last."""
+        of_state = validity.names(tick.STATE)
+        found = int(self._state.invalid)
+        if found < len(of_state):
+            return of_state[found][0]
+        return validity.names(memory_of(self.parameters).dtype)[found - len(of_state)][0]
 
 
 _listening = threading.local()
@@ -370,17 +392,15 @@ def _cycle_start(change: Change) -> int:
     return -(-tick_of(change.at) // PLC_TICKS) * PLC_TICKS
 
 
-def _trip_message(trip: int) -> str:
-    reason = {plc.LIMIT_SWITCH: "limit switch open", plc.FOLLOWING_ERROR: "following error too large"}[int(trip)]
-    return f"safe torque off: {reason}"
-
-
-def _cut(first: int, ticks: int, buffers: Mapping[str, Any], poses: Any, events: tuple[Event, ...]) -> Block:
-    """The block of the ticks that were run."""
-    rows = -(-(first + ticks) // POSE_TICKS) - -(-first // POSE_TICKS)
-    return Block(
-        first, ticks, {t.path: buffers[t.path][: t.rows(first, ticks)] for t in TOPICS}, poses[:rows], events
-    )
+def _first_lost(signals: Mapping[str, NDArray[np.float64]], first: int) -> tuple[int, str] | None:
+    """Tick and name of the first recorded sample that is not a finite number; None if all are."""
+    found: list[tuple[int, str]] = []
+    for path, table in signals.items():
+        if not np.isfinite(table).all():
+            row, column = np.argwhere(~np.isfinite(table))[0].tolist()
+            topic = TOPIC[path]
+            found.append(((-(-first // topic.ticks) + row) * topic.ticks, f"{path}.{topic.names[column]}"))
+    return min(found, default=None)
 
 
 def versions() -> dict[str, str]:

@@ -46,6 +46,12 @@ class ControllerError(BenchError):
     exit_code = ExitCode.CONTROLLER
 
 
+class TrippedError(BenchError):
+    """The drive was switched off by a safety function where nothing can be measured without it."""
+
+    exit_code = ExitCode.TRIPPED
+
+
 class Interrupted(KeyboardInterrupt):
     """Ctrl-C, SIGTERM or SIGHUP, once what was made until then is safe; the message says what was kept."""
 

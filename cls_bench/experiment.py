@@ -9,28 +9,34 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from cls_bench import interrupts
 from cls_bench.analysis import metrics
-from cls_bench.analysis.window import Source, Window
+from cls_bench.analysis.memory import Memory
+from cls_bench.analysis.window import Source, Window, holds_all
 from cls_bench.bench import Bench, DivergedError, OuterLoop, versions
+from cls_bench.claims import claim_stem, file_name
 from cls_bench.compiled import is_cached
 from cls_bench.controllers import Controller, Place
-from cls_bench.errors import ControllerError, ExitCode, InputError, Interrupted
+from cls_bench.errors import BenchError, ControllerError, ExitCode, InputError, Interrupted
 from cls_bench.parameters import Parameters
 from cls_bench.recording import Recorder, Recording, RunInfo
 from cls_bench.recording.recorder import COMPLETE
-from cls_bench.scenario import Check, Scenario, load_scenario
+from cls_bench.run_log import Trip
+from cls_bench.scenario import Check, ExpectedTrip, Scenario, load_scenario, tick_of
+from cls_bench.signals import Event
 
 RECORDINGS = Path("recordings")
 """Where recordings go unless told otherwise: a folder in the current one."""
 
-PASSED, FAILED, DIVERGED, CONTROLLER_FAILED = "passed", "failed", "diverged", "controller_failed"
+PASSED, FAILED, DIVERGED, TRIPPED = "passed", "failed", "diverged", "tripped"
+CONTROLLER_FAILED = "controller_failed"
 EXIT_CODES: dict[str, int] = {
-    PASSED: ExitCode.PASSED, FAILED: ExitCode.FAILED, DIVERGED: ExitCode.DIVERGED,
+    PASSED: ExitCode.PASSED, FAILED: ExitCode.FAILED, DIVERGED: ExitCode.DIVERGED, TRIPPED: ExitCode.TRIPPED,
     CONTROLLER_FAILED: ExitCode.CONTROLLER,
 }  # fmt: skip
+"""Statuses of a run, with the exit code of the command line."""
 
 
 @dataclass(frozen=True)
@@ -39,8 +45,10 @@ class CheckResult:
 
     check: Check
     value: float
-    """NaN if the run ended before its window"""
+    """NaN if it could not be measured"""
     unit: str
+    note: str = ""
+    """why it could not be measured"""
 
     @property
     def judged(self) -> bool:
@@ -75,13 +83,15 @@ class Result:
 
     scenario: Scenario
     status: str
-    """``passed``, ``failed``, ``diverged`` or ``controller_failed``"""
+    """one of :data:`EXIT_CODES`"""
     checks: tuple[CheckResult, ...]
     mcap: Path
     rrd: Path | None
     timing: Timing
     message: str = ""
-    """why it diverged, or how the controller failed"""
+    """why it neither passed nor failed by its checks"""
+    events: tuple[Event, ...] = ()
+    """what the log holds of level warning and error"""
 
     @property
     def exit_code(self) -> int:
@@ -105,14 +115,20 @@ class Result:
             "scenario": self.scenario.name,
             "status": self.status,
             **({"message": self.message} if self.message else {}),
-            "metrics": {r.check.name: {"value": _finite(r.value), "unit": r.unit} for r in self.checks},
+            "metrics": {
+                r.check.name: {"value": _finite(r.value), "unit": r.unit, **_why(r)} for r in self.checks
+            },
             "checks": [
                 {
                     "name": r.check.name, "metric": r.check.metric, "window": list(r.check.window),
                     "value": _finite(r.value), "unit": r.unit, "min": r.check.min, "max": r.check.max,
-                    "passed": r.passed,
+                    "passed": r.passed, **_why(r),
                 }
                 for r in self.checks if r.judged
+            ],
+            "events": [
+                {"time": round(e.time, 6), "level": e.level, "source": e.source, "message": e.message}
+                for e in self.events
             ],
             "recordings": {"mcap": str(self.mcap), "rrd": str(self.rrd) if self.rrd else None},
             "timing": {
@@ -121,6 +137,10 @@ class Result:
                 "real_time_factor": round(self.timing.real_time_factor, 2),
             },
         }  # fmt: skip
+
+
+def _why(result: CheckResult) -> dict[str, str]:
+    return {"note": result.note} if result.note else {}
 
 
 def _finite(value: float) -> float | None:
@@ -186,35 +206,90 @@ def run(
     if not is_cached():
         progress.compiling()
     bench.compile()
-    message, status, simulated, recorder = "", COMPLETE, 0.0, None
+    topics = scenario.record.topics()
+    memory = None if holds_all(topics) else Memory(scenario.checks)
+    failure: BenchError | None = None
+    events: list[Event] = []
+    simulated, recorder = 0.0, None
     try:
         # A signal is noted while the files are open, and raised between two blocks.
         with (
             interrupts.held(),
-            Recorder(_stem(Path(out), scenario), run_info(scenario, bench, about), rerun=rerun) as recorder,
-        ):
+            Recorder(
+                _claimed(Path(out), scenario, rerun=rerun), run_info(scenario, bench, about), rerun=rerun,
+                topics=topics, poses=scenario.record.poses,
+            ) as recorder,
+        ):  # fmt: skip
             progress.recording(recorder.mcap_path)
             start = time.perf_counter()
             try:
                 for block in bench.run(scenario):
                     recorder.write(block)
+                    events += (event for event in block.events if event.level != "info")
+                    if memory is not None:
+                        memory.keep(block)
                     simulated = bench.time
-                    progress.advanced(simulated, simulated / (time.perf_counter() - start))
+                    progress.advanced(recorder.written_s, simulated / (time.perf_counter() - start))
                     interrupts.check()
-            except DivergedError as error:
-                message, status = str(error), DIVERGED
-            except ControllerError as error:
-                message, status = str(error), CONTROLLER_FAILED
-            recorder.finish(status)
-            timing = Timing(simulated, time.perf_counter() - start)
+            except (DivergedError, ControllerError) as error:
+                failure = error
+            recorder.flush()
+            flushed = time.perf_counter()
+            source = memory or Recording(recorder.mcap_path, unfinished=True)
+            checks = measure(scenario, source, own_loop=loop is not None)
+            ended = ending(scenario, bench.trips, failure)
+            verdict = ended.judged(checks)
+            measuring = time.perf_counter() - flushed
+            recorder.finish(
+                ended.status if ended.status != PASSED else COMPLETE, verdict.status,
+                {result.check.name: _finite(result.value) for result in checks},
+            )  # fmt: skip
+            timing = Timing(simulated, time.perf_counter() - start - measuring)
+            progress.advanced(simulated, timing.real_time_factor)
     except KeyboardInterrupt:
         if recorder is None:
             raise
         raise Interrupted(f"interrupted at t = {simulated:g} s; kept: {recorder.mcap_path}") from None
-    checks = measure(scenario, Recording(recorder.mcap_path))
-    if status == COMPLETE:
-        status = PASSED if all(check.passed for check in checks) else FAILED
-    return Result(scenario, status, checks, recorder.mcap_path, recorder.rrd_path, timing, message)
+    return Result(
+        scenario, verdict.status, checks, recorder.mcap_path, recorder.rrd_path, timing, verdict.message, tuple(events)
+    )
+
+
+class Ending(NamedTuple):
+    """How a run ended."""
+
+    status: str
+    message: str = ""
+
+    def judged(self, checks: Sequence[CheckResult]) -> "Ending":
+        """The same with what its checks say: a run that ended well fails if one of them does."""
+        if self.status == PASSED and not all(check.passed for check in checks):
+            return Ending(FAILED)
+        return self
+
+
+def ending(scenario: Scenario, trips: Sequence[Trip], failure: BenchError | None) -> Ending:
+    """How a run ended, its checks aside: by ``failure``, by a trip that the scenario does not expect, or well.
+
+    A trip that the scenario expects and that did not come is a failure of the run.
+    """
+    if isinstance(failure, ControllerError):
+        return Ending(CONTROLLER_FAILED, str(failure))
+    if failure is not None:
+        return Ending(DIVERGED, str(failure))
+    expected = scenario.expected_trips
+    for trip in trips:
+        if not any(_is_expected(trip, entry) for entry in expected):
+            return Ending(TRIPPED, f"at t = {trip.time:.4f} s: {trip.message}")
+    for entry in expected:
+        if not any(_is_expected(trip, entry) for trip in trips):
+            start, end = entry.window
+            return Ending(FAILED, f"expected trip did not come: {entry.reason} from {start:g} to {end:g} s")
+    return Ending(PASSED)
+
+
+def _is_expected(trip: Trip, entry: ExpectedTrip) -> bool:
+    return entry.reason in ("any", trip.reason) and tick_of(entry.window[0]) <= trip.tick <= tick_of(entry.window[1])
 
 
 FEEL_MODEL = "feel model"
@@ -259,15 +334,21 @@ def _source_of(kind: type) -> dict[str, bytes | str]:
     }  # fmt: skip
 
 
-def measure(scenario: Scenario, recording: Source) -> tuple[CheckResult, ...]:
-    """Evaluate the scenario's checks on a recording of it, or on samples kept in memory."""
+def measure(scenario: Scenario, recording: Source, *, own_loop: bool = False) -> tuple[CheckResult, ...]:
+    """Evaluate the scenario's checks on a recording of it, or on samples kept in memory.
+
+    ``own_loop`` says that a user's outer loop ran instead of the feel model.
+    """
     windows: dict[tuple[float, float], Window] = {}
     results = []
     for check in scenario.checks:
         if check.window not in windows:
             start, end = check.window
-            windows[check.window] = Window(recording, start, end, scenario.parameters_at(start))
-        results.append(CheckResult(check, metrics.evaluate(check, windows[check.window]), metrics.unit(check)))
+            windows[check.window] = Window(
+                recording, start, end, scenario.parameters_at(start), idle=scenario.idle(start, end), own_loop=own_loop
+            )
+        value, note = metrics.evaluate(check, windows[check.window])
+        results.append(CheckResult(check, value, metrics.unit(check), note))
     return tuple(results)
 
 
@@ -282,6 +363,7 @@ def run_info(scenario: Scenario, bench: Bench, controller: Mapping[str, bytes | 
         parameters=bench.parameters.model_dump(),
         metadata={
             "title": scenario.title, "seed": str(scenario.seed), "overrides": "\n".join(scenario.overrides),
+            **({"notes": "\n".join(scenario.notes)} if scenario.notes else {}),
             "units": "SI; radians", "commit": _commit(), **about, **versions(),
         },
         wall_start=dt.datetime.now(dt.UTC).isoformat(timespec="milliseconds"),
@@ -290,14 +372,11 @@ def run_info(scenario: Scenario, bench: Bench, controller: Mapping[str, bytes | 
     )  # fmt: skip
 
 
-def _stem(folder: Path, scenario: Scenario) -> Path:
-    """A new name in ``folder``: no run overwrites another's recording."""
-    stem = folder / f"{scenario.name}-{dt.datetime.now():%Y%m%d-%H%M%S}"
-    candidate, number = stem, 1
-    while candidate.with_name(f"{candidate.name}.mcap").exists():
-        number += 1
-        candidate = stem.with_name(f"{stem.name}-{number}")
-    return candidate
+def _claimed(folder: Path, scenario: Scenario, *, rerun: bool) -> Path:
+    """A name in ``folder`` that no other run has, however many start at the same moment."""
+    name = f"{file_name(scenario.name)}-{dt.datetime.now():%Y%m%d-%H%M%S}"
+    made, others = ((".mcap", ".rrd"), ()) if rerun else ((".mcap",), (".rrd",))
+    return claim_stem(folder, name, made, others)
 
 
 def _commit() -> str:

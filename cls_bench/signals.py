@@ -118,6 +118,16 @@ TOPICS: tuple[Topic, ...] = (
         ("angle", "rad", "column angle of the model"),
         ("velocity", "rad/s", "column angular velocity of the model"),
     ),
+    _topic(
+        "/limits", PLC_TICKS, "Limits that were reached, each as a share of the ticks since the row before.",
+        ("load_cell", "1", "the load cell's converter was at the end of its range"),
+        ("set_angle", "1", "the PLC's set angle was held at the software limit"),
+        ("speed", "1", "the drive's set velocity was held at its speed limit"),
+        ("torque", "1", "the drive's torque command was held at its torque limit"),
+        ("current", "1", "the drive's set current was held at the peak or, once I²t was full, continuous current"),
+        ("voltage", "1", "the drive's voltage was held at what the DC bus gives"),
+        ("travel", "1", "the column was beyond its travel"),
+    ),
 )  # fmt: skip
 
 TOPIC: Mapping[str, Topic] = {t.path: t for t in TOPICS}
@@ -167,6 +177,11 @@ class Block:
         """Tick numbers of the rows of a topic that is sampled every ``every`` ticks."""
         first = -(-self.first_tick // every) * every
         return np.arange(first, self.end_tick, every, dtype=np.int64)
+
+    def __getitem__(self, signal: str) -> NDArray[np.float64]:
+        """Samples of a signal such as ``/column.angle``, shape (rows,)."""
+        path, _, name = signal.rpartition(".")
+        return self.signals[path][:, TOPIC[path].names.index(name)]
 
     def __iter__(self) -> Iterator[tuple[Topic, NDArray[np.float64]]]:
         return ((t, self.signals[t.path]) for t in TOPICS)

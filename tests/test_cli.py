@@ -70,7 +70,7 @@ def test_run_prints_a_table_and_where_the_recordings_lie(short: Path, tmp_path: 
 def test_json_is_one_object_with_all_that_was_promised(short: Path, tmp_path: Path) -> None:
     result = call("run", short, "--out", tmp_path / "out", "--no-rerun", "--json")
     answer = json.loads(result.stdout)
-    assert list(answer) == ["scenario", "status", "metrics", "checks", "recordings", "timing"]
+    assert list(answer) == ["scenario", "status", "metrics", "checks", "events", "recordings", "timing"]
     assert answer["scenario"] == "short"
     assert answer["status"] == "passed"
     assert answer["metrics"]["peak"]["unit"] == "rad"
@@ -142,7 +142,7 @@ def test_every_shipped_scenario_is_valid_for_us_and_for_the_schema() -> None:
     (('metric = "maximum"', 'metric = "maxmum"'), ("checks[0].metric", "maxmum", "maximum")),
     (('signal = "/column.angle"', 'signal = "/column.angel"'), ("checks[0].signal", "/column.angel", "angle")),
     (('signal = "/column.angle"', ""), ("checks[0]", "signal")),
-    (("[[checks]]", "[parameters.feel]\ninertia = -1.0\n[[checks]]"), ("parameters.feel.inertia", "-1", "> 0")),
+    (("[[checks]]", "[parameters.feel]\ninertia = -1.0\n[[checks]]"), ("parameters.feel.inertia", "-1", "≥ 0.001")),
     (("[[checks]]", "[[checks"), ("line 8", "TOML")),
 ])  # fmt: skip
 def test_a_bad_scenario_is_one_line_that_names_file_key_value_and_what_is_valid(
@@ -162,7 +162,7 @@ def test_a_bad_scenario_is_one_line_that_names_file_key_value_and_what_is_valid(
 
 @pytest.mark.parametrize("override, words", [
     ("feel.inertia", ("KEY=VALUE",)),
-    ("feel.inertia=-1.0", ("feel.inertia", "-1", "> 0")),
+    ("feel.inertia=-1.0", ("feel.inertia", "-1", "≥ 0.001")),
     ("feel.inertai=1.0", ("feel.inertai", "inertia")),
     ("gearbox.efficiency=0.99", ("efficiency", "0.99")),
 ])  # fmt: skip

@@ -30,14 +30,30 @@ class Signals:
         values: Mapping[str, Array] = {
             name: self._signals.get(f"{topic}.{name}", np.zeros(len(TIME)))[rows] for name in signals or ()
         }
-        return SimpleNamespace(values=values)
+        return SimpleNamespace(values=values, time=TIME[rows])
 
 
-def value(metric: str, start: float = 0.0, end: float = 4.0, signal: str | None = None, **rest: object) -> float:
+def measured(
+    metric: str, start: float = 0.0, end: float = 4.0, signal: str | None = None, *, idle: str = "",
+    own_loop: bool = False, **rest: object,
+) -> metrics.Measured:  # fmt: skip
     arguments = rest.pop("arguments", {})
     check = Check(name="x", metric=metric, window=(start, end), signal=signal, arguments=arguments)  # type: ignore[arg-type]
     metrics.validate(check)
-    return metrics.evaluate(check, Window(Signals(**rest), start, end, Parameters()))  # type: ignore[arg-type]
+    window = Window(Signals(**rest), start, end, Parameters(), idle=idle, own_loop=own_loop)  # type: ignore[arg-type]
+    return metrics.evaluate(check, window)
+
+
+def value(metric: str, *window: float, **rest: object) -> float:
+    found = measured(metric, *window, **rest)  # type: ignore[arg-type]
+    assert math.isnan(found.value) == bool(found.note)
+    return found.value
+
+
+def why_not(metric: str, *window: float, **rest: object) -> str:
+    found = measured(metric, *window, **rest)  # type: ignore[arg-type]
+    assert math.isnan(found.value), found.value
+    return found.note
 
 
 def test_statistics() -> None:
@@ -93,8 +109,8 @@ def test_amplitude_ratio_and_phase_lag() -> None:
 
 def test_a_model_that_stands_still_has_no_amplitude_ratio() -> None:
     signals = {"column__angle": np.sin(2 * math.pi * 2.0 * TIME), "arguments": {"frequency": 2.0}}
-    assert math.isnan(value("tracking_amplitude_ratio", **signals))  # type: ignore[arg-type]
-    assert math.isnan(value("tracking_phase_lag_ms", **signals))  # type: ignore[arg-type]
+    for metric in ("tracking_amplitude_ratio", "tracking_phase_lag_ms"):
+        assert "does not move at 2 Hz" in why_not(metric, **signals)  # type: ignore[arg-type]
 
 
 def test_oscillation() -> None:
@@ -108,11 +124,115 @@ def test_rest_offset_is_from_the_models_neutral() -> None:
 
 
 def test_a_window_without_samples_has_no_value() -> None:
-    assert math.isnan(value("mean", 3.999, 4.0, signal="/column.angle"))
+    assert "samples; 64 are needed" in why_not("mean", 3.999, 4.0, signal="/column.angle")
+    assert "the samples end at 3.9996 s, the window at 6 s" in why_not("mean", 3.0, 6.0, signal="/column.angle")
+    assert "the samples end before it began" in why_not("mean", 5.0, 6.0, signal="/column.angle")
+
+
+# --- what cannot be measured is not given a number -------------------------------------------------------------------
+
+SWEEP = 0.2 * np.sin(2 * math.pi * 0.5 * TIME)
+RATE = np.gradient(SWEEP, 0.0004)
+
+
+def loop(friction: float, damping: float, angle: Array = SWEEP, rate: Array = RATE) -> dict[str, Array]:
+    torque = 35.0 * angle + friction * np.sign(rate) + damping * rate
+    return {"column__angle": angle, "column__velocity": rate, "column__torque": torque}
+
+
+def test_static_friction_leaves_the_known_viscosity_out() -> None:
+    p = Parameters()
+    known = p.feel.damping + p.column.viscous_friction
+    for at in (0.0, 5.0, -8.0):
+        found = value("static_friction", arguments={"at_deg": at}, **loop(0.3, known))
+        assert found == pytest.approx(0.3, abs=0.01)
+    # The loop is wider by far.
+    wide = value("hysteresis", column__angle=SWEEP, load_cell__torque=loop(0.3, known)["column__torque"])
+    assert wide > 1.0
+
+
+def test_static_friction_finds_the_viscosity_from_two_speeds() -> None:
+    angle = np.concatenate([SWEEP[:5000], -SWEEP[:5000:2], SWEEP[:5000:2]])
+    signals = loop(0.3, 4.0, angle, np.gradient(angle, 0.0004))
+    for other in ({}, {"own_loop": True}, {"idle": "off"}):
+        assert value("static_friction", **signals, **other) == pytest.approx(0.3, abs=0.02)  # type: ignore[arg-type]
+
+
+def test_static_friction_at_one_speed_needs_a_known_viscosity() -> None:
+    assert "a user's own outer loop" in why_not("static_friction", own_loop=True, **loop(0.3, 1.0))
+    assert "the drive is off" in why_not("static_friction", idle="the drive is off from 0 s", **loop(0.3, 1.0))
+    assert "does not pass 30 deg both ways" in why_not("static_friction", arguments={"at_deg": 30.0}, **loop(0.3, 1.0))
+    assert "does not pass 30 deg both ways" in why_not("hysteresis", arguments={"at_deg": 30.0}, column__angle=SWEEP)
+
+
+def test_a_sample_that_is_not_finite_is_no_value() -> None:
+    for bad in (math.nan, math.inf):
+        x = SWEEP.copy()
+        x[2500] = bad
+        for metric in ("minimum", "maximum", "mean", "rms", "peak_to_peak", "ripple"):
+            assert "/column.angle is not finite at 1.0000 s" in why_not(metric, signal="/column.angle", column__angle=x)
+        for metric in ("hysteresis", "tracking_error_rms_deg", "oscillation_frequency_hz", "breakout_torque"):
+            assert "/column.angle is not finite at 1.0000 s" in why_not(metric, column__angle=x)
+
+
+def test_a_column_that_does_not_move_has_no_breakout() -> None:
+    still = {"column__angle": 0.001 * SWEEP, "load_cell__torque": 10.0 * SWEEP}
+    assert "does not break out: it moves by 0.0115 of 0.5 deg" in why_not("breakout_torque", **still)
+    assert "moves already when the window starts" in why_not("breakout_torque", column__angle=SWEEP)
+
+
+def test_a_window_holds_some_periods_of_what_is_filtered() -> None:
+    x = {"column__angle": SWEEP}
+    assert "fewer than 2 periods of 1 Hz" in why_not("ripple", 0.0, 1.0, signal="/column.angle", **x)
+    assert "fewer than 2 periods of 30 Hz" in why_not("breakout_torque", 0.0, 0.05, **x)
+    assert "fewer than 1 periods of 0.5 Hz" in why_not(
+        "tracking_phase_lag_ms", 0.0, 1.0, arguments={"frequency": 0.5}, feel__angle=SWEEP, **x
+    )
+
+
+TRACKING = ("tracking_error_rms_deg", "tracking_error_max_deg", "tracking_ripple_deg", "tracking_lag_ms",
+            "aligned_error_rms_deg")  # fmt: skip
+
+
+def test_nothing_is_tracked_while_the_drive_is_off() -> None:
+    on = {"column__angle": SWEEP, "feel__angle": SWEEP, "drive__voltage": np.ones(len(TIME))}
+    tripped = on | {"drive__voltage": np.where(TIME < 2.0, 1.0, 0.0)}
+    for metric in TRACKING:
+        assert value(metric, **on) == pytest.approx(0.0, abs=1e-2)
+        assert "the drive is off from 2.000 s" in why_not(metric, **tripped)
+        assert "in mode torque" in why_not(metric, idle="the drive is in mode torque from 0 s to 9 s", **on)
+
+
+def test_a_lag_at_the_end_of_what_is_looked_for_is_none() -> None:
+    late = np.interp(TIME - 0.2, TIME, SWEEP)
+    assert "lags by more than 50 ms" in why_not("tracking_lag_ms", feel__angle=SWEEP, column__angle=late)
+    early = np.interp(TIME + 0.01, TIME, SWEEP)
+    assert "moves ahead" in why_not("tracking_lag_ms", feel__angle=SWEEP, column__angle=early)
+    assert "stands still" in why_not("tracking_lag_ms", column__angle=SWEEP)
+
+
+def test_a_column_at_rest_has_no_frequency() -> None:
+    assert "does not oscillate above 15 Hz" in why_not("oscillation_frequency_hz", column__angle=SWEEP)
+
+
+def test_a_free_response_needs_a_release() -> None:
+    free = {"pilot__squeeze": np.full(len(TIME), -1.0), "column__angle": 0.1 * np.cos(TIME)}
+    moving = free | {"column__velocity": np.full(len(TIME), 0.3)}
+    assert "the hand grips at 0.002 s" in why_not("part60_tolerance_used", column__angle=SWEEP)
+    assert "moves already when it is released" in why_not("part60_tolerance_used", **moving)
+    assert "released where it stays" in why_not("part60_tolerance_used", **free | {"column__angle": 0 * TIME})
+    assert "own outer loop" in why_not("part60_tolerance_used", own_loop=True, **free)
+    assert "does not rest" in why_not("rest_offset_deg", column__angle=SWEEP)
+    assert "own outer loop" in why_not("rest_offset_deg", own_loop=True, column__angle=0 * TIME)
 
 
 @pytest.mark.parametrize("check, problem", [
     ({"metric": "nonsense"}, "metric: \"nonsense\" is unknown; valid: minimum"),
+    ({"metric": "ripple", "signal": "/column.angle", "arguments": {"above_hz": 0.0}}, "arguments.above_hz: 0 is not"),
+    ({"metric": "ripple", "signal": "/column.angle", "arguments": {"above_hz": 1250.0}}, "≤ 1000 .Hz."),
+    ({"metric": "breakout_torque", "arguments": {"below_hz": 1e9}}, "arguments.below_hz: 1e.09 is not valid"),
+    ({"metric": "hysteresis", "arguments": {"at_deg": 1e9}}, "≥ -60 and ≤ 60 .deg."),
+    ({"metric": "tracking_phase_lag_ms", "arguments": {"frequency": 0.0}}, "arguments.frequency: 0 is not valid"),
     ({"metric": "mean"}, "signal: missing"),
     ({"metric": "hysteresis", "signal": "/column.angle"}, "signal: hysteresis takes none"),
     ({"metric": "tracking_phase_lag_ms"}, "arguments.frequency: missing"),

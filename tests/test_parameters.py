@@ -5,8 +5,10 @@ import math
 import pytest
 from pydantic import ValidationError
 
-from cls_bench.parameters import Parameters, leaves, record_of, table, with_table
+from cls_bench.errors import InputError
+from cls_bench.parameters import _SHIPPED_LINKAGE, Parameters, leaves, record_of, table, with_table
 from cls_bench.resources import model_folder
+from cls_bench.scenario import parse_scenario
 from tests.plant_rig import parameters
 
 LEAVES = list(leaves(Parameters()))
@@ -36,7 +38,7 @@ def test_the_record_holds_every_value():
 @pytest.mark.parametrize(
     ("section", "values", "says"),
     [
-        ("column", {"inertia": -1.0}, "greater than 0"),
+        ("column", {"inertia": -1.0}, "greater than or equal to 0.00001"),
         ("column", {"mass": 3.0}, "inertia must exceed mass × mass_height²"),
         ("column", {"switch_angle": 0.3}, "must grow in this order"),
         ("linkage", {"rod_end_mass": 0.4}, "must be less"),
@@ -78,3 +80,38 @@ def test_the_table_in_the_models_readme_is_up_to_date():
     assert with_table(page) == page
     assert table() in page
     assert all(f"`{key}`" in page for key, *_ in LEAVES)
+
+
+@pytest.mark.parametrize(("key", "value", "about"), LEAVES, ids=[key for key, *_ in LEAVES])
+def test_every_number_has_two_bounds_and_the_default_lies_within(key, value, about):
+    if isinstance(value, bool | str):
+        return
+    low, high = about["valid"].split(", ")
+    assert low[0] in ">≥"
+    assert high[0] in "<≤"
+    assert float(low.strip(">≥ ")) <= value <= float(high.strip("<≤ "))
+    section, _, name = key.rpartition(".")
+    for wrong in (float(low.strip(">≥ ")) - 1.0, 2.0 * float(high.strip("<≤ ")) + 1.0, math.inf, math.nan):
+        with pytest.raises(InputError, match=f"parameters.{key}: .* is not valid; give a"):
+            parse_scenario('title = "t"\nduration = 1.0', set=[f"{section}.{name}={wrong!r}"])
+
+
+@pytest.mark.parametrize(
+    ("overrides", "says"),
+    [
+        (["linkage.rod=0.02"], "cannot be closed over ±24°|dead point"),
+        (["linkage.crank=0.05"], "cannot be closed|dead point"),
+        (["column.stop_angle=0.59", "linkage.crank=0.09"], "dead point|cannot be closed|do not follow"),
+        (["linkage.rod_end_mass=0.3754999"], "rod_end_mass is a part of rod_column_mass"),
+        (["drive.position_integral_time=1e-9"], "position_integral_time: give 0"),
+    ],
+)
+def test_what_cannot_be_built_is_refused_by_validation(overrides, says):
+    with pytest.raises(InputError, match=says):
+        parse_scenario('title = "t"\nduration = 1.0', set=overrides)
+
+
+def test_the_shipped_linkage_is_the_one_that_is_not_looked_at():
+    p = Parameters()
+    assert (p.linkage.four_bar, p.kinematic_range, p.plc.polynomial_degree) == _SHIPPED_LINKAGE
+    assert parameters(plc={"polynomial_degree": 11}).kinematic_range == p.kinematic_range

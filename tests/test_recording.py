@@ -2,6 +2,7 @@
 
 import errno
 import json
+import os
 import signal
 import struct
 import subprocess
@@ -25,7 +26,7 @@ from mcap.reader import make_reader
 from cls_bench.errors import InputError, OutputError
 from cls_bench.geometry import Geom, along_z
 from cls_bench.recording import McapRecorder, Recorder, Recording, RunInfo
-from cls_bench.recording.layout import CYCLE_TICKS, message_dtype
+from cls_bench.recording.layout import message_dtype
 from cls_bench.signals import POSE_TICKS, TICK_NS, TOPIC, TOPICS, Block, Event
 
 BODIES = ("world", "crank", "column")
@@ -228,7 +229,7 @@ def test_the_library_reads_the_same_messages_in_order(tmp_path: Path) -> None:
         assert {attachment.name for attachment in reader.iter_attachments()} == {
             "scenario.toml", "parameters.json", *INFO.mjcf,
         }  # fmt: skip
-        assert [metadata.name for metadata in reader.iter_metadata()] == ["run", "wall_clock", "result"]
+        assert [metadata.name for metadata in reader.iter_metadata()] == ["run", "wall_clock", "result", "seal"]
 
 
 def test_the_library_finds_messages_through_the_indexes(tmp_path: Path) -> None:
@@ -292,7 +293,6 @@ def test_a_topic_cannot_have_more_signals_than_one_byte_tags() -> None:
     assert message_dtype(15).itemsize == 31 + 15 * 9
     with pytest.raises(ValueError, match="1 to 15 signals, not 16"):
         message_dtype(16)
-    assert all(CYCLE_TICKS % topic.ticks == 0 for topic in TOPICS)
 
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -333,7 +333,7 @@ def test_a_file_cut_anywhere_reads_up_to_the_last_complete_chunk(tmp_path: Path)
     whole = record(tmp_path / "run.mcap", blocks).read_bytes()
     cut = tmp_path / "cut.mcap"
     lengths = set()
-    for size in np.linspace(9, len(whole) - 1, 180).astype(int).tolist():
+    for size in np.linspace(60, len(whole) - 1, 180).astype(int).tolist():
         cut.write_bytes(whole[:size])
         recording = opened_truncated(cut)
         with warnings.catch_warnings():
@@ -347,15 +347,6 @@ def test_a_file_cut_anywhere_reads_up_to_the_last_complete_chunk(tmp_path: Path)
     assert lengths == {0, 200, 403, 600}
     cut.write_bytes(whole[:-2000] + bytes(5000))  # zeros, as some file systems leave them behind
     assert len(opened_truncated(cut).read("/column")) == 600
-
-
-def test_a_flipped_bit_is_told_from_data(tmp_path: Path) -> None:
-    path = record(tmp_path / "run.mcap", make_blocks((4000,)))
-    content = bytearray(path.read_bytes())
-    content[len(content) // 3] ^= 1  # in the chunk, which is most of the file
-    path.write_bytes(content)
-    with pytest.raises(InputError, match=r"run\.mcap is damaged"):
-        Recording(path).read("/column")
 
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -418,19 +409,22 @@ except KeyboardInterrupt:
 
 
 def test_a_full_disk_is_one_line_and_keeps_what_was_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from cls_bench.recording import mcap_writer
-
     blocks = make_blocks((4000,) * 6)
     room = 1_500_000
-    plain = mcap_writer.McapRecorder._write
+    written = 0
+    plain = os.write
 
-    def write(self: McapRecorder, data: bytes) -> int:
-        if self._offset + len(data) > room:  # as much as fits, then the error
-            self._file.write(data[: room - self._offset])
+    def write(descriptor: int, data: bytes) -> int:
+        nonlocal written
+        if not str(Path(f"/dev/fd/{descriptor}").resolve()).endswith(".mcap"):
+            return plain(descriptor, data)
+        if written == room:
             raise OSError(errno.ENOSPC, "No space left on device")
-        return plain(self, data)
+        done = plain(descriptor, data[: room - written])  # as much as fits, then the error
+        written += done
+        return done
 
-    monkeypatch.setattr(mcap_writer.McapRecorder, "_write", write)
+    monkeypatch.setattr(os, "write", write)
     with pytest.raises(OutputError) as caught, Recorder(tmp_path / "run", INFO) as recorder:
         for block in blocks * 10:
             recorder.write(block)
@@ -584,7 +578,7 @@ from test_recording import INFO, make_block
 from cls_bench.recording.rerun_writer import RerunRecorder
 from pathlib import Path
 recorder = RerunRecorder(Path({str(tmp_path / "run.rrd")!r}), INFO)
-for number in range(12):
+for number in range(13):  # batches of two
     recorder.write(make_block(4000 * number, 4000))
 os._exit(9)
 """
@@ -592,7 +586,7 @@ os._exit(9)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # Rerun says that there is no footer
         times, _ = rrd_table(tmp_path / "run.rrd", "/column", "Scalars:scalars")
-    assert times.tolist() == list(range(0, 40_000 * TICK_NS, 8 * TICK_NS))
+    assert times.tolist() == list(range(0, 48_000 * TICK_NS, 8 * TICK_NS))
 
 
 def test_shapes_that_cannot_be_drawn_say_so(tmp_path: Path) -> None:

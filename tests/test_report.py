@@ -25,6 +25,7 @@ from cls_bench.report.recorded_run import RecordedRun, Span, held_on
 from cls_bench.resources import shipped_scenarios
 from cls_bench.scenario import parse_scenario
 from cls_bench.signals import TOPIC
+from tests import needs
 
 Runner = Callable[..., experiment.Result]
 
@@ -149,9 +150,9 @@ def test_power_stays_on_while_a_signal_passes_through_zero() -> None:
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
-    binary, driver = shutil.which("chromium") or shutil.which("google-chrome"), shutil.which("chromedriver")
-    if binary is None or driver is None:
-        pytest.skip("no browser: apt install chromium chromium-driver")
+    found = needs.browser()
+    assert found is not None
+    binary, driver = found
     from selenium import webdriver
     from selenium.webdriver.chrome.service import Service
 
@@ -179,6 +180,7 @@ def two_runs(recorded: Runner, tmp_path_factory: pytest.TempPathFactory) -> tupl
     return page.write_report(runs, tmp_path_factory.mktemp("report")), runs
 
 
+@pytest.mark.needs_browser
 @pytest.mark.parametrize(("width", "height"), [(1280, 800), (390, 844)])
 def test_report_in_a_browser(browser: Any, two_runs: tuple[Path, list[RecordedRun]], width: int, height: int) -> None:
     path, runs = two_runs
@@ -200,6 +202,7 @@ def test_report_in_a_browser(browser: Any, two_runs: tuple[Path, list[RecordedRu
     assert len(list(path.parent.rglob("*.png"))) == len(list(path.parent.rglob("*.svg"))) == len(sizes)
 
 
+@pytest.mark.needs_browser
 def test_report_has_no_id_twice_and_every_reference_has_its_target(
     browser: Any, two_runs: tuple[Path, list[RecordedRun]]
 ) -> None:
@@ -212,6 +215,7 @@ def test_report_has_no_id_twice_and_every_reference_has_its_target(
     assert used and used <= set(ids)
 
 
+@pytest.mark.needs_browser
 def test_report_in_the_dark_and_in_print(browser: Any, two_runs: tuple[Path, list[RecordedRun]]) -> None:
     path, _ = two_runs
     script = (
@@ -293,6 +297,7 @@ def test_sample_files_travel_in_the_recording(tmp_path: Path) -> None:
     assert run.scenario.sample_files == {"hand.csv": b"time,value\n0,0\n0.2,2\n"}
 
 
+@pytest.mark.needs_browser
 def test_gallery_links_every_report(browser: Any, two_runs: tuple[Path, list[RecordedRun]], tmp_path: Path) -> None:
     _, runs = two_runs
     index = page.write_gallery(runs, tmp_path)
@@ -362,20 +367,13 @@ def test_mistakes_are_one_line(
 # Drawing the bench
 
 
-def needs_opengl() -> None:
-    try:
-        opengl.choose()
-    except InputError as error:
-        pytest.skip(str(error))
-
-
 def rendered(*arguments: object) -> subprocess.CompletedProcess[str]:
     """The command in a process of its own: MuJoCo settles on an OpenGL library when it is imported."""
-    needs_opengl()
     command = [sys.executable, "-c", "from cls_bench.cli import main; main()", "render", *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, check=False)
 
 
+@pytest.mark.needs_opengl
 def test_still_shows_the_bench_where_it_was(two_runs: tuple[Path, list[RecordedRun]], tmp_path: Path) -> None:
     from PIL import Image
 
@@ -397,6 +395,7 @@ def test_still_shows_the_bench_where_it_was(two_runs: tuple[Path, list[RecordedR
     assert np.mean(sleeves[1]) > np.mean(sleeves[0]) + 10  # pushed forward, to the right
 
 
+@pytest.mark.needs_opengl
 def test_video_has_a_frame_for_every_step(two_runs: tuple[Path, list[RecordedRun]], tmp_path: Path) -> None:
     ffmpeg = pytest.importorskip("imageio_ffmpeg")
     out = tmp_path / "run.mp4"

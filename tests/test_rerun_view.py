@@ -1,9 +1,15 @@
 """The Rerun view: what it draws, that the .mcap alone gives the same, and a look at it where a viewer can start."""
 
 import io
+import json
+import os
 import re
+import signal
+import socket
 import subprocess
 import sys
+import time
+import urllib.request
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,11 +19,13 @@ import pytest
 from click.testing import CliRunner
 
 from cls_bench.cli import main
+from cls_bench.cli.view import _rrd
 from cls_bench.errors import InputError
 from cls_bench.experiment import Result, run
 from cls_bench.geometry import LONGEST_ARROW, METRES_PER_NEWTON, force_arrows
-from cls_bench.recording import McapRecorder, Recording
+from cls_bench.recording import McapRecorder, Recording, rerun_process
 from cls_bench.recording import rerun_layout as layout
+from cls_bench.recording.rerun_process import quiet_environment
 from cls_bench.recording.rerun_writer import RerunRecorder, write_rrd
 from cls_bench.scenario import parse_scenario
 from cls_bench.signals import TICK_NS, TOPIC, TOPICS, Block, Event
@@ -44,6 +52,7 @@ at = 0.9
 kind = "release"
 """
 
+ROOT = Path(__file__).parents[1]
 RERUN = str(Path(sys.executable).with_name("rerun"))
 
 
@@ -219,8 +228,8 @@ def test_a_run_without_the_bench_s_bodies_has_no_arrows(tmp_path: Path) -> None:
 
 def test_every_plot_names_signals_that_are_recorded() -> None:
     for plot in layout.PLOTS:
-        for topic, signal, _, _ in plot.curves:
-            assert signal in TOPIC[topic].names
+        for topic, name, _, _ in plot.curves:
+            assert name in TOPIC[topic].names
         units = {s.unit for t, n, _, _ in plot.curves for s in TOPIC[t].signals if s.name == n}
         assert len(units) == 1, plot.title
 
@@ -238,40 +247,129 @@ def test_view_without_a_display_says_how_to_serve(short: Result, monkeypatch: py
     assert done.stderr == f"error: there is no display; serve it to a browser: cls-bench view --serve {short.mcap}\n"
 
 
-def test_view_serves_what_the_mcap_holds(short: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_mcap_alone_is_converted_for_the_while(short: Result, tmp_path: Path) -> None:
     alone = tmp_path / "alone.mcap"
     alone.write_bytes(short.mcap.read_bytes())
-    calls: list[list[str]] = []
-
-    def viewer(command: list[str], **_: Any) -> "subprocess.CompletedProcess[str]":
-        calls.append(command)
-        assert "/plots/torque" in rrd_columns(Path(command[1]))
-        return subprocess.CompletedProcess(command, 0)
-
-    monkeypatch.setattr(subprocess, "run", viewer)
-    done = CliRunner().invoke(main, ["view", "--serve", "--port", "9191", str(alone)])
-    assert done.exit_code == 0, done.output
-    (command,) = calls
-    assert (
-        command[command.index("--bind") + 1] == "127.0.0.1"
-        and command[command.index("--web-viewer-port") + 1] == "9191"
-    )
-    assert "http://127.0.0.1:9191/?url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A9192%2Fproxy" in done.output
-    assert not Path(command[1]).exists()  # made for the while
+    (tmp_path / "alone.rrd").write_bytes(b"")  # of a run that was killed early
+    with _rrd([alone], [Recording(alone)]) as shown:
+        assert "/plots/torque" in rrd_columns(shown)
+    assert not shown.exists()
 
 
+class Served:
+    """``cls-bench view --serve`` in a process of its own."""
+
+    def __init__(self, recording: Path, environment: dict[str, str] | None = None):
+        self.port = free_ports()
+        command = [sys.executable, "-c", "from cls_bench.cli import main; main()", "view", "--serve"]
+        self.process = subprocess.Popen(
+            [*command, "--port", str(self.port), str(recording)], stdout=-1, stderr=-1, text=True, cwd=ROOT,
+            env=dict(os.environ) | (environment or {}),
+        )  # fmt: skip
+        assert self.process.stdout is not None
+        self.line = self.process.stdout.readline()
+
+    def listens(self) -> bool:
+        """Whether one of the ports answers."""
+        for port in (self.port, self.port + 1):
+            with socket.socket() as probe:
+                if probe.connect_ex(("127.0.0.1", port)) == 0:
+                    return True
+        return False
+
+    def ended(self) -> bool:
+        """Whether the ports are free soon."""
+        deadline = time.monotonic() + 10.0
+        while self.listens() and time.monotonic() < deadline:
+            time.sleep(0.05)
+        return not self.listens()
+
+
+def free_ports() -> int:
+    """The first of two ports in a row that nobody uses."""
+    while True:
+        with socket.socket() as first, socket.socket() as second:
+            first.bind(("127.0.0.1", 0))
+            port = int(first.getsockname()[1])
+            try:
+                second.bind(("127.0.0.1", port + 1))
+            except OSError:
+                continue
+            return port
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL])
+def test_view_serves_and_leaves_nothing_behind(short: Result, tmp_path: Path, number: signal.Signals) -> None:
+    home = {"HOME": str(tmp_path), "XDG_CONFIG_HOME": str(tmp_path / "config"), "XDG_DATA_HOME": str(tmp_path / "data")}
+    served = Served(short.mcap, home)
+    address = f"http://127.0.0.1:{served.port}/"
+    source = f"rerun%2Bhttp%3A%2F%2F127.0.0.1%3A{served.port + 1}%2Fproxy"
+    assert served.line == f"until Ctrl-C, open {address}?url={source}&notebook=1\n"
+    with urllib.request.urlopen(address, timeout=10) as page:
+        text = page.read().decode()
+    assert 'get_query_bool(query, "notebook"' in text  # the page takes what the address says
+    served.process.send_signal(number)
+    _, errors = served.process.communicate(timeout=30)
+    assert served.process.returncode == (-9 if number == signal.SIGKILL else 130), errors
+    assert "Traceback" not in errors and served.ended()
+    assert not (tmp_path / "config").exists() and not (tmp_path / "data").exists()  # the user's settings of Rerun
+
+
+@pytest.mark.parametrize("offset", [0, 1])
+def test_a_taken_port_is_said_before_an_address(short: Result, offset: int) -> None:
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        port = int(other.getsockname()[1])
+        done = CliRunner().invoke(main, ["view", "--serve", "--port", str(port - offset), str(short.mcap)])
+    assert done.exit_code == 2 and "http" not in done.output
+    assert done.stderr == f"error: port {port} cannot be used (Address already in use); choose another with --port\n"
+
+
+def test_rerun_is_told_to_send_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    users, settings = tmp_path / "users", tmp_path / "settings"
+    (users / "rerun").mkdir(parents=True)
+    (users / "rerun" / "analytics.json").write_text("the user's")
+    (users / "xkb").mkdir()
+    settings.mkdir()
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(users))
+    monkeypatch.setenv("FORCE_RERUN_ANALYTICS", "1")
+    environment = quiet_environment(settings)
+    assert environment["CI"] and "FORCE_RERUN_ANALYTICS" not in environment
+    done = subprocess.run(
+        [RERUN, "analytics", "config"], env=environment, capture_output=True, text=True, check=True
+    )  # fmt: skip
+    told = json.loads(done.stdout)
+    assert told["analytics_enabled"] is False and told["config_file_path"].startswith(str(settings))
+    assert (users / "rerun" / "analytics.json").read_text() == "the user's"
+    assert (settings / "xkb").resolve() == users / "xkb"
+
+
+def test_the_sdk_leaves_no_settings_behind(tmp_path: Path) -> None:
+    """Recording and converting in this process never starts Rerun's analytics: they would make a file first."""
+    script = f"""
+import sys; sys.path[:0] = [{str(ROOT)!r}]
+from pathlib import Path
+from tests.test_recording import INFO, make_block
+from cls_bench.recording.rerun_writer import RerunRecorder
+recorder = RerunRecorder(Path({str(tmp_path / "run.rrd")!r}), INFO)
+recorder.write(make_block(0, 4000))
+recorder.finish("complete")
+"""
+    home = {name: str(tmp_path / name) for name in ("HOME", "XDG_CONFIG_HOME", "XDG_DATA_HOME")}
+    environment = {name: text for name, text in os.environ.items() if name != "CI"} | home
+    subprocess.run([sys.executable, "-c", script], env=environment, check=True, cwd=ROOT)
+    assert not [path for path in tmp_path.rglob("*") if "rerun" in path.name]
+
+
+@pytest.mark.needs_vulkan
 def test_the_viewer_shows_the_bench_and_the_curves(short: Result) -> None:
     from PIL import Image
 
     from cls_bench.recording.rerun_screenshot import SIZE, screenshot
 
     assert short.rrd is not None
-    try:
-        png = screenshot([short.rrd], 0.4)
-    except InputError as error:
-        if "render context" in str(error) or "adapter" in str(error):
-            pytest.skip(str(error))
-        raise
+    png = screenshot([short.rrd], 0.4)
     image = np.asarray(Image.open(io.BytesIO(png)).convert("RGB"), float)
     assert image.shape == (SIZE[1], SIZE[0], 3)
 
@@ -293,7 +391,7 @@ def test_without_a_graphics_driver_one_line_says_what_to_install(
     viewer = tmp_path / "rerun"
     viewer.write_text("#!/bin/sh\necho \"thread 'main' panicked at 'No graphics adapter was found'\"\nexit 101\n")
     viewer.chmod(0o755)
-    monkeypatch.setattr(sys, "executable", str(tmp_path / "python"))
+    monkeypatch.setattr(rerun_process, "program", lambda: viewer)
     expected = (
         "the Rerun viewer cannot start (No graphics adapter was found); it needs a Vulkan driver: on Debian, "
         "apt install mesa-vulkan-drivers"

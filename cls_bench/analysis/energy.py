@@ -29,6 +29,9 @@ from cls_bench.signals import TICK_S, TOPIC, VELOCITY_TICKS, Block
 
 Array = NDArray[np.float64]
 
+TOPICS = ("/column", "/gearbox", "/load_cell", "/drive")
+"""Topics that are audited, each with all its signals and samples."""
+
 LOSSES = ("stage 1 friction", "stage 2 friction", "stage 1 mesh", "stage 2 mesh", "load cell", "column bearing",
           "stop blocks")  # fmt: skip
 """Where energy is lost: sliding friction and damping of the meshes, damping of load cell and stops, the bearing."""
@@ -128,7 +131,7 @@ class _Auditor:
 
     def add(self, block: Block) -> None:
         """Take in the next block."""
-        rows = {path: block.signals[path] for path in ("/column", "/gearbox", "/load_cell", "/drive")}
+        rows = {path: block.signals[path] for path in TOPICS}
         new = self._signals(block, rows)
         joined = {name: np.concatenate((self.carried[name], new[name])) if self.carried else new[name] for name in new}
         if len(joined["phi"]) >= 4:

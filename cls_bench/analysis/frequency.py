@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cls_bench.claims import replaced
+
 Array = NDArray[np.float64]
 
 
@@ -87,7 +89,7 @@ class FrequencyResponse:
 
     def write_csv(self, path: Path) -> None:
         """One line a frequency, with units in the header."""
-        with path.open("w", newline="", encoding="utf-8") as file:
+        with replaced(path) as whole, whole.open("w", newline="", encoding="utf-8") as file:
             out = csv.writer(file)
             out.writerow(["frequency_Hz", "magnitude_dB", "phase_deg", "real", "imaginary", "coherence", "amplitude"])
             rows = zip(

@@ -13,7 +13,8 @@ from cls_bench.analysis.window import Window, split_signal, unit_of
 from cls_bench.errors import InputError
 from cls_bench.parameters import DEG
 from cls_bench.scenario import Check
-from cls_bench.signals import PLC_S
+from cls_bench.scenario.faults import nearest, printable, shown
+from cls_bench.signals import PLC_S, TOPIC
 
 Array = NDArray[np.float64]
 
@@ -28,6 +29,21 @@ class Argument(NamedTuple):
     """None: must be given"""
     unit: str
     meaning: str
+    least: float
+    greatest: float
+
+
+class Unmeasured(InputError):  # noqa: N818  (a finding, not a fault of the program)
+    """A metric has no value in a window; says why."""
+
+
+class Measured(NamedTuple):
+    """What a metric found."""
+
+    value: float
+    """NaN if it could not be measured"""
+    note: str = ""
+    """why it could not"""
 
 
 @dataclass(frozen=True)
@@ -64,7 +80,7 @@ def _metric(
 def validate(check: Check) -> None:
     """Raise InputError ``key: problem`` unless ``check`` names a metric and what it needs."""
     if check.metric not in METRICS:
-        raise InputError(f'metric: "{check.metric}" is unknown; valid: {", ".join(METRICS)}')
+        raise InputError(f"metric: {shown(check.metric)} is unknown; {nearest(check.metric, METRICS)}")
     metric = METRICS[check.metric]
     if metric.of_signal and check.signal is None:
         raise InputError(f"signal: missing; {metric.name} needs one, such as /column.torque")
@@ -78,10 +94,15 @@ def validate(check: Check) -> None:
     for name in check.arguments:
         if name not in metric.arguments:
             valid = ", ".join(metric.arguments) or "none"
-            raise InputError(f"arguments.{name}: {metric.name} takes no such argument; valid: {valid}")
+            raise InputError(f"arguments.{printable(name)}: {metric.name} takes no such argument; valid: {valid}")
     for name, argument in metric.arguments.items():
         if argument.default is None and name not in check.arguments:
             raise InputError(f"arguments.{name}: missing; {argument.meaning} [{argument.unit}]")
+        if name in check.arguments and not argument.least <= check.arguments[name] <= argument.greatest:
+            raise InputError(
+                f"arguments.{name}: {check.arguments[name]:g} is not valid; give a number ≥ {argument.least:g} and "
+                f"≤ {argument.greatest:g} [{argument.unit}] ({argument.meaning})"
+            )
 
 
 def unit(check: Check) -> str:
@@ -89,19 +110,66 @@ def unit(check: Check) -> str:
     return METRICS[check.metric].unit or unit_of(check.signal or "")
 
 
-def evaluate(check: Check, window: Window) -> float:
-    """Value of the check's metric; NaN if the window holds no samples (a run that ended before it)."""
+def evaluate(check: Check, window: Window) -> Measured:
+    """Value of the check's metric, or why it has none: the run ended before, samples are lost or not finite, …"""
     metric = METRICS[check.metric]
-    if len(window.time) < MIN_SAMPLES:
-        return math.nan
+    if window.rows < MIN_SAMPLES:
+        needed = f"{MIN_SAMPLES} are needed ({MIN_SAMPLES * PLC_S:g} s)"
+        return Measured(math.nan, f"the window holds {window.rows} samples; {needed}")
     arguments = {name: check.arguments.get(name, argument.default) for name, argument in metric.arguments.items()}
-    if metric.of_signal:
-        return float(metric.function(window, window[check.signal or ""], **arguments))
-    return float(metric.function(window, **arguments))
+    sound = _Sound(window)
+    try:
+        with np.errstate(all="ignore"):
+            signal = (sound[check.signal or ""],) if metric.of_signal else ()
+            value = float(metric.function(sound, *signal, **arguments))
+    except (Unmeasured, InputError, ValueError, ArithmeticError, IndexError, np.linalg.LinAlgError) as reason:
+        return Measured(math.nan, str(reason))
+    return Measured(value) if math.isfinite(value) else Measured(math.nan, "the samples give no finite value")
+
+
+class _Sound(Window):
+    """A window that hands out signals without a flaw only."""
+
+    def __init__(self, window: Window):
+        self.__dict__.update(window.__dict__)  # shares what was read
+        self.flaws = []
+
+    def __getitem__(self, signal: str) -> Array:
+        samples = super().__getitem__(signal)
+        if self.flaws:
+            raise Unmeasured(self.flaws[-1])
+        return samples
 
 
 MIN_SAMPLES = 64
 """Fewest samples a window must hold (26 ms)."""
+
+
+def _periods(window: Window, frequency: float, periods: float) -> None:
+    """Unmeasured unless the window holds some periods of ``frequency`` [Hz]: a filter or fit needs them."""
+    length = len(window.time) * PLC_S
+    if length * frequency < periods:
+        raise Unmeasured(f"a window of {length:g} s holds fewer than {periods:g} periods of {frequency:g} Hz")
+
+
+def _leading(window: Window) -> None:
+    """Unmeasured unless the column was made to follow the feel model in the whole window."""
+    if window.idle:
+        raise Unmeasured(f"the column does not follow the feel model: {window.idle}")
+    still = (window["/drive.voltage"] == 0.0) & (window["/drive.current"] == 0.0)
+    if not np.all(still) and (first := _first_run(still, OFF_ROWS)) is not None:
+        raise Unmeasured(f"the column does not follow the feel model: the drive is off from {window.time[first]:.3f} s")
+
+
+OFF_ROWS = 50
+"""Rows without voltage and current (20 ms) that tell a drive that is switched off."""
+
+
+def _first_run(mask: NDArray[np.bool_], length: int) -> int | None:
+    """Where the first ``length`` true values in a row begin."""
+    counts = np.concatenate([[0], np.cumsum(mask)])
+    begins = np.flatnonzero(counts[length:] - counts[:-length] == length)
+    return int(begins[0]) if len(begins) else None
 
 
 # --- statistics of any signal ----------------------------------------------------------------------------------------
@@ -137,7 +205,7 @@ def peak_to_peak(window: Window, signal: Array) -> float:
     return float(np.ptp(signal))
 
 
-_ABOVE = Argument(1.0, "Hz", "slower motion is left out")
+_ABOVE = Argument(1.0, "Hz", "slower motion is left out", 0.05, 1000.0)
 
 
 @_metric("", of_signal=True, above_hz=_ABOVE)
@@ -148,32 +216,44 @@ def ripple(window: Window, signal: Array, above_hz: float) -> float:
 
 # --- friction --------------------------------------------------------------------------------------------------------
 
+_AT = Argument(0.0, "deg", "column angle at which the loop's width is taken", -60.0, 60.0)
+
+AT_REST = 1.0 * DEG
+"""Speed [rad/s] under which the column counts as resting."""
+
 
 @_metric(
     "N·m",
-    threshold_deg=Argument(0.5, "deg", "how far the column must have moved to count as moving"),
-    below_hz=Argument(30.0, "Hz", "faster changes are left out, as by a force gauge: blows within the backlash"),
-)
+    threshold_deg=Argument(0.5, "deg", "how far the column must have moved to count as moving", 0.001, 60.0),
+    below_hz=Argument(30.0, "Hz", "faster changes are left out, as by a force gauge: blows within the backlash", 0.5,
+                      1000.0),
+)  # fmt: skip
 def breakout_torque(window: Window, threshold_deg: float, below_hz: float) -> float:
     """Largest torque at the load cell before the column moves, from the window's start."""
     angle = window["/column.angle"]
+    _periods(window, below_hz, 2.0)
+    first = angle[: int(0.02 * window.rate)]
+    if abs(first[-1] - first[0]) > 0.02 * AT_REST:
+        raise Unmeasured("the column moves already when the window starts")
     moved = np.flatnonzero(np.abs(angle - angle[0]) > threshold_deg * DEG)
-    until = int(moved[0]) + 1 if len(moved) else len(angle)
+    if not len(moved):
+        most = float(np.max(np.abs(angle - angle[0]))) / DEG
+        raise Unmeasured(f"the column does not break out: it moves by {most:.3g} of {threshold_deg:g} deg")
     from scipy.signal import butter, sosfiltfilt  # takes longer to import than a short run to simulate
 
     sos = butter(2, below_hz, fs=window.rate, output="sos")
-    torque = sosfiltfilt(sos, window["/load_cell.torque"])[:until]
+    torque = sosfiltfilt(sos, window["/load_cell.torque"])[: int(moved[0]) + 1]
     return float(np.max(np.abs(torque)))
 
 
-@_metric("N·m", at_deg=Argument(0.0, "deg", "column angle at which the loop's width is taken"))
+@_metric("N·m", at_deg=_AT)
 def hysteresis(window: Window, at_deg: float) -> float:
-    """Half the width of the torque-displacement loop at the load cell: the static friction."""
+    """Half the width of the torque-displacement loop at the load cell: friction and viscosity behind it together."""
     angle, torque = window["/column.angle"] - at_deg * DEG, window["/load_cell.torque"]
     up = np.flatnonzero((angle[:-1] < 0) & (angle[1:] >= 0))
     down = np.flatnonzero((angle[:-1] > 0) & (angle[1:] <= 0))
     if not len(up) or not len(down):
-        return math.nan
+        raise Unmeasured(f"the column does not pass {at_deg:g} deg both ways")
     around = int(0.01 * window.rate)  # the mean over 20 ms about a crossing
 
     def level(crossings: NDArray[np.intp]) -> float:
@@ -182,10 +262,67 @@ def hysteresis(window: Window, at_deg: float) -> float:
     return 0.5 * (level(up) - level(down))
 
 
+class _Passage(NamedTuple):
+    """The column passing an angle without stopping."""
+
+    velocity: float
+    """[rad/s]"""
+    torque: float
+    """at the grip [N·m]"""
+
+
+BAND = 0.5 * DEG
+"""Half width of the band about an angle over which a passage is averaged [rad]."""
+
+SPEEDS = 1.5
+"""Least ratio of speeds at which friction and damping can be told from each other."""
+
+
+def _passages(window: Window, at: float) -> list[_Passage]:
+    angle, velocity, torque = window["/column.angle"], window["/column.velocity"], window["/column.torque"]
+    side = np.where(angle < at - BAND, -1, np.where(angle > at + BAND, 1, 0))
+    outside = np.flatnonzero(side)
+    found = []
+    for k in np.flatnonzero(np.diff(side[outside])):
+        first, last = int(outside[k]), int(outside[k + 1])
+        way = float(side[last])
+        if np.mean(velocity[first:last] * way > 0.0) > 0.8:  # it did not stop within
+            speed = (angle[last] - angle[first]) / ((last - first) * PLC_S)
+            found.append(_Passage(float(speed), float(np.mean(torque[first:last]))))
+    return found
+
+
+@_metric("N·m", at_deg=_AT)
+def static_friction(window: Window, at_deg: float) -> float:
+    """Dry friction at the grip: half the width of the torque-displacement loop there, less its viscous part.
+
+    Each passage of the angle gives a torque T = s + F sign ω + d ω with the springs' s, the friction F and the damping
+    d. From passages at one speed both ways F and d cannot be told from each other: then d is that of feel model and
+    bearing. Where the speeds differ by half or more, d is fitted too. The inertia's torque is left out: it is the same
+    both ways where the speeds are, and small in a slow sweep.
+    """
+    passages = _passages(window, at_deg * DEG)
+    velocity = np.array([p.velocity for p in passages])
+    torque = np.array([p.torque for p in passages])
+    if not (np.any(velocity > 0.0) and np.any(velocity < 0.0)):
+        raise Unmeasured(f"the column does not pass {at_deg:g} deg both ways without stopping")
+    ways = (velocity[velocity > 0.0], -velocity[velocity < 0.0])
+    columns = [np.ones_like(velocity), np.sign(velocity)]
+    if any(np.max(way) >= SPEEDS * np.min(way) for way in ways):
+        columns.append(velocity)
+    elif window.idle or window.own_loop:
+        why = window.idle or "the damping of a user's own outer loop is not known"
+        raise Unmeasured(f"friction and viscosity cannot be told apart at one speed: {why}")
+    else:
+        torque = torque - free_response.damping(window.parameters, at_deg * DEG) * velocity
+    return float(np.linalg.lstsq(np.stack(columns, axis=1), torque, rcond=None)[0][1])
+
+
 # --- tracking of the feel model --------------------------------------------------------------------------------------
 
 
 def _error(window: Window) -> Array:
+    _leading(window)
     return window["/column.angle"] - window["/feel.angle"]
 
 
@@ -217,11 +354,25 @@ def _lagged_error(window: Window, lag: float) -> Array:
 def _lag(window: Window) -> float:
     from scipy.optimize import minimize_scalar
 
-    best = minimize_scalar(
-        lambda lag: float(np.mean(_lagged_error(window, lag) ** 2)),
-        bounds=(0.0, LONGEST_LAG), method="bounded", options={"xatol": 1e-5},
-    )  # fmt: skip
-    return float(best.x)
+    _leading(window)
+    moved = float(np.ptp(window["/feel.angle"]))
+    if moved < LEAST_MOTION:
+        raise Unmeasured(f"the feel model stands still: it moves by {moved / DEG:.2g} deg")
+    _periods(window, 1.0 / LONGEST_LAG, 4.0)
+
+    def error(lag: float) -> float:
+        return float(np.mean(_lagged_error(window, lag) ** 2))
+
+    best = float(minimize_scalar(error, bounds=(0.0, LONGEST_LAG), method="bounded", options={"xatol": 1e-5}).x)
+    if best > LONGEST_LAG - 1e-4:
+        raise Unmeasured(f"the column lags by more than {1e3 * LONGEST_LAG:g} ms, or goes its own way")
+    if best < 1e-4 and error(-1e-3) < 0.9 * error(best):
+        raise Unmeasured("the column moves ahead of the feel model")
+    return best
+
+
+LEAST_MOTION = 0.01 * DEG
+"""Motion of the feel model [rad] that is needed to measure how the column follows it."""
 
 
 @_metric("ms")
@@ -236,7 +387,7 @@ def aligned_error_rms_deg(window: Window) -> float:
     return float(np.sqrt(np.mean(_lagged_error(window, _lag(window)) ** 2))) / DEG
 
 
-_FREQUENCY = Argument(None, "Hz", "frequency of the motion")
+_FREQUENCY = Argument(None, "Hz", "frequency of the motion", 0.02, 1000.0)
 
 
 def _phasor(window: Window, signal: str, frequency: float) -> complex:
@@ -248,9 +399,13 @@ def _phasor(window: Window, signal: str, frequency: float) -> complex:
 
 
 def _response(window: Window, frequency: float) -> complex:
-    """Phasor of the column over that of the feel model; NaN where the model stands still."""
+    """Phasor of the column over that of the feel model."""
+    _leading(window)
+    _periods(window, frequency, 1.0)
     model = _phasor(window, "/feel.angle", frequency)
-    return _phasor(window, "/column.angle", frequency) / model if model else complex(math.nan, math.nan)
+    if abs(model) < 0.5 * LEAST_MOTION:
+        raise Unmeasured(f"the feel model does not move at {frequency:g} Hz: {abs(model) / DEG:.2g} deg")
+    return _phasor(window, "/column.angle", frequency) / model
 
 
 @_metric("1", frequency=_FREQUENCY)
@@ -269,14 +424,15 @@ def tracking_phase_lag_ms(window: Window, frequency: float) -> float:
 
 
 def _above(x: Array, frequency: float, window: Window) -> Array:
-    """High pass without phase; a window of a few periods at least is needed to be exact."""
+    """High pass without phase; Unmeasured in a window of less than two periods."""
+    _periods(window, frequency, 2.0)
     from scipy.signal import butter, sosfiltfilt
 
     sos = butter(4, frequency, "highpass", fs=window.rate, output="sos")
     return np.asarray(sosfiltfilt(sos, x, padlen=min(len(x) - 1, int(2.0 * window.rate / frequency))))
 
 
-_SHAKE = Argument(15.0, "Hz", "slower motion is left out; voluntary motion stays under 10 Hz")
+_SHAKE = Argument(15.0, "Hz", "slower motion is left out; voluntary motion stays under 10 Hz", 0.05, 1000.0)
 
 
 @_metric("deg", above_hz=_SHAKE)
@@ -289,9 +445,16 @@ def oscillation_amplitude_deg(window: Window, above_hz: float) -> float:
 def oscillation_frequency_hz(window: Window, above_hz: float) -> float:
     """Frequency with the greatest amplitude in the column's motion above a frequency."""
     x = window["/column.angle"]
+    amplitude = oscillation_amplitude_deg(window, above_hz)
+    if amplitude < LEAST_SHAKE_DEG:
+        raise Unmeasured(f"the column does not oscillate above {above_hz:g} Hz: {amplitude:.2g} deg")
     spectrum = np.abs(np.fft.rfft((x - np.mean(x)) * np.hanning(len(x))))
     frequencies = np.fft.rfftfreq(len(x), PLC_S)
     return float(frequencies[np.argmax(np.where(frequencies >= above_hz, spectrum, 0.0))])
+
+
+LEAST_SHAKE_DEG = 1e-4
+"""Amplitude [deg] of an oscillation that has a frequency: a few steps of the encoder at the column."""
 
 
 # --- free response ---------------------------------------------------------------------------------------------------
@@ -303,14 +466,49 @@ def part60_tolerance_used(window: Window) -> float:
 
     The window starts at the release. Expected is :func:`free_response.expected_response`.
     """
+    _leading(window)
+    if window.own_loop:
+        raise Unmeasured("expected is the feel model's response, but a user's own outer loop ran")
+    grips = window["/pilot.squeeze"] >= 0.0
+    if np.any(grips[FEW_ROWS:]):
+        at = window.time[FEW_ROWS + int(np.argmax(grips[FEW_ROWS:]))]
+        raise Unmeasured(f"the hand grips at {at:.3f} s; the window is to hold what follows a release")
+    if abs(speed := window["/column.velocity"][0]) > 5.0 * AT_REST:
+        raise Unmeasured(f"the column moves already when it is released, by {speed / DEG:.3g} deg/s")
     angle = window["/column.angle"]
     times = window.time - window.time[0]
     expected = free_response.expected_response(window.parameters, float(angle[0]), times)
+    if abs(expected[0] - expected[-1]) < LEAST_MOTION:
+        raise Unmeasured(f"the column is released where it stays, at {angle[0] / DEG:.3g} deg")
     return max(item.share for item in free_response.part60(times, angle, expected))
+
+
+FEW_ROWS = 5
+"""Rows (2 ms) after which a release at the window's start has happened."""
 
 
 @_metric("deg")
 def rest_offset_deg(window: Window) -> float:
     """Distance of the column from the feel model's neutral at the window's end (mean of 0.1 s)."""
+    if window.own_loop:
+        raise Unmeasured("neutral is the feel model's, but a user's own outer loop ran")
     last = window["/column.angle"][-int(0.1 * window.rate) :]
+    if (moved := float(np.ptp(last))) > 0.1 * AT_REST:
+        raise Unmeasured(f"the column does not rest at the window's end: it moves by {moved / DEG:.2g} deg in 0.1 s")
     return abs(float(np.mean(last)) - window.parameters.feel.neutral) / DEG
+
+
+# --- limits ----------------------------------------------------------------------------------------------------------
+
+
+def _share(limit: str, meaning: str) -> None:
+    def share(window: Window) -> float:
+        return float(np.mean(window[f"/limits.{limit}"]))
+
+    share.__name__ = f"{limit}_limited_share"
+    share.__doc__ = f"Share of the window in which {meaning}."
+    _metric("1")(share)
+
+
+for _signal in TOPIC["/limits"].signals:
+    _share(_signal.name, _signal.meaning)

@@ -1,6 +1,7 @@
 """run, list, validate, schema."""
 
 import dataclasses
+import json
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -10,7 +11,7 @@ import click
 
 from cls_bench.cli.failures import say
 from cls_bench.cli.options import SEED, GivenController, controller_options
-from cls_bench.cli.output import print_json, print_result, print_table, print_term, progress_bar
+from cls_bench.cli.output import print_json, print_notes, print_result, print_table, print_term, progress_bar
 from cls_bench.errors import one_line
 
 if TYPE_CHECKING:
@@ -29,6 +30,10 @@ if TYPE_CHECKING:
               help="Override a parameter, such as feel.inertia=0.25; may be given again.")  # fmt: skip
 @controller_options
 @click.option("--rerun/--no-rerun", default=True, help="Also write a Rerun file (.rrd).  [default: rerun]")
+@click.option("--signals", metavar="/TOPIC.NAME,…", multiple=True,
+              help="Record these signals only, such as /column.angle,/load_cell.*; checks are measured all the same.")
+@click.option("--rate", type=float, metavar="HZ", help="Record them at this rate at most, such as 1000.")
+@click.option("--poses/--no-poses", default=None, help="Also record the bench in motion.  [default: poses]")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of tables.")
 @click.option("--view", is_flag=True, help="Open the recording in the Rerun viewer afterwards.")
 @click.pass_context
@@ -40,6 +45,9 @@ def run(
     overrides: tuple[str, ...],
     controller: GivenController,
     rerun: bool,
+    signals: tuple[str, ...],
+    rate: float | None,
+    poses: bool | None,
     as_json: bool,
     view: bool,
 ) -> None:
@@ -47,7 +55,8 @@ def run(
     from cls_bench import experiment
     from cls_bench.scenario import load_scenario
 
-    loaded = load_scenario(scenario, seed=seed, set=overrides)
+    loaded = load_scenario(scenario, seed=seed, set=(*overrides, *_record(signals, rate, poses)))
+    print_notes(loaded)
     place = controller.of(loaded)
     with progress_bar(loaded.duration, quiet=as_json) as progress:
         if place is None:
@@ -67,11 +76,19 @@ def run(
     ctx.exit(result.exit_code)
 
 
+def _record(signals: tuple[str, ...], rate: float | None, poses: bool | None) -> list[str]:
+    """Options of what is recorded as overrides of the scenario, which travel in the recording."""
+    names = [name.strip() for entry in signals for name in entry.split(",")]
+    given = {"signals": names or None, "rate_hz": rate, "poses": poses}
+    return [f"record.{key}={json.dumps(value)}" for key, value in given.items() if value is not None]
+
+
 def _run_with_controller(
     scenario: "Scenario", place: "Place", limits: "Limits", out: Path, rerun: bool, progress: "Progress"
 ) -> "Result":
     """As :func:`experiment.run`, the controller in a process of its own."""
     from cls_bench import experiment
+    from cls_bench.analysis.window import holds_all
     from cls_bench.cli.supervisor import ControllerEndedError, supervised
     from cls_bench.errors import ControllerError, Interrupted
     from cls_bench.recording import Recording
@@ -95,7 +112,7 @@ def _run_with_controller(
         if not began:
             raise
         close_cut(began[0], experiment.CONTROLLER_FAILED)
-        checks = experiment.measure(scenario, Recording(began[0]))
+        checks = experiment.measure(scenario, Recording(began[0]), own_loop=True)
         timing = experiment.Timing(simulated, time.perf_counter() - start)
         rrd = began[0].with_suffix(".rrd")
         message = f"{error}; what it did after t = {simulated:g} s is lost"
@@ -107,7 +124,8 @@ def _run_with_controller(
             raise Interrupted(f"interrupted at t = {simulated:g} s; kept: {began[0]}") from None
         raise error
     else:
-        measured = experiment.measure(scenario, Recording(result.mcap))
+        whole = holds_all(scenario.record.topics())
+        measured = experiment.measure(scenario, Recording(result.mcap), own_loop=True) if whole else result.checks
         if repr([check.value for check in measured]) != repr([check.value for check in result.checks]):
             raise ControllerError(f"the controller changed cls-bench itself: its values are not those of {result.mcap}")
     if out.is_absolute():
@@ -174,7 +192,9 @@ def validate(scenarios: tuple[str, ...], overrides: tuple[str, ...]) -> None:
     from cls_bench.scenario import load_scenario
 
     for scenario in scenarios:
-        experiment.validate(load_scenario(scenario, set=overrides))
+        loaded = load_scenario(scenario, set=overrides)
+        experiment.validate(loaded)
+        print_notes(loaded)
         click.echo(f"{scenario}: valid")
 
 

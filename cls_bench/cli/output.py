@@ -1,15 +1,20 @@
 """What the commands print: tables, results, progress."""
 
 import json
+import math
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from cls_bench.text import printable
+
 if TYPE_CHECKING:
     from cls_bench.experiment import Progress, Result
+    from cls_bench.scenario import Scenario
 
 
 def print_json(found: Any) -> None:
@@ -42,7 +47,7 @@ def print_table(header: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> Non
     for k, title in enumerate(header):
         table.add_column(title, overflow="fold", no_wrap=k == 0)
     for row in rows:
-        table.add_row(*(Text(cell) for cell in row))  # as it is: brackets are units, no markup
+        table.add_row(*(Text(printable(cell)) for cell in row))  # brackets are units, no markup
     make_console().print(table)
 
 
@@ -55,6 +60,12 @@ def print_term(term: str, unit: str, meaning: str) -> None:
 def number(value: float) -> str:
     """Four significant digits."""
     return f"{value:.4g}"
+
+
+def print_notes(scenario: "Scenario") -> None:
+    """On standard error: what was understood of the scenario's sample files."""
+    for note in scenario.notes:
+        click.echo(note, err=True)
 
 
 def print_result(result: "Result") -> None:
@@ -73,6 +84,11 @@ def print_result(result: "Result") -> None:
         verdict = Text("") if not r.judged else Text("passed", "green") if r.passed else Text("FAILED", "bold red")
         table.add_row(Text(r.check.name), number(r.value), r.unit, limits, verdict)
     console.print(table)
+    for r in result.checks:
+        if r.note:
+            what = "not measured: " if math.isnan(r.value) else ""
+            console.print(Text(f"{r.check.name}: {what}{r.note}"), soft_wrap=True)
+    _print_events(result)
     style = "green" if result.status == "passed" else "bold red"
     status = result.status.upper().replace("_", " ")
     line = Text.assemble((status, style), f" {result.message}" if result.message else "")
@@ -82,6 +98,43 @@ def print_result(result: "Result") -> None:
     for path in (result.mcap, result.rrd):
         if path is not None:
             click.echo(f"  {path}")
+
+
+MOST_EVENTS = 8
+"""Warnings and errors of a run that are printed; --json and the report have all."""
+
+
+def _print_events(result: "Result") -> None:
+    """What the log holds of level warning and error, and how often."""
+    from rich.text import Text
+
+    if not result.events:
+        return
+    console = make_console()
+    for event in result.events[:MOST_EVENTS]:
+        style = "bold red" if event.level == "error" else "yellow"
+        line = f" {event.source} at t = {event.time:.4f} s: {event.message}"
+        console.print(Text.assemble((f"{event.level}:", style), line))
+    levels = [event.level for event in result.events]
+    left = len(levels) - MOST_EVENTS
+    console.print(
+        f"{levels.count('warning')} warnings, {levels.count('error')} errors"
+        + (f"; {left} more in the recording" if left > 0 else "")
+    )
+
+
+def results_folder(folder: Path, began: float, *, resume: bool = False) -> Path:
+    """``folder``, or another where one is in use, for the results of the running command alone; says so.
+
+    ``began`` is the wall-clock time [s] at which the command started. Raises OutputError.
+    """
+    from cls_bench.claims import claimed_folder, file_name
+
+    wanted = folder.with_name(file_name(folder.name)) if folder.name else folder
+    claimed = click.get_current_context().with_resource(claimed_folder(wanted, began, resume=resume))
+    if claimed != wanted:
+        click.echo(f"{wanted} is in use by another cls-bench; the results go to {claimed}", err=True)
+    return claimed
 
 
 @contextmanager

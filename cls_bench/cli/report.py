@@ -1,11 +1,15 @@
 """report, compare, gallery, render: what recordings show."""
 
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import click
 
 from cls_bench.cli.options import TIME, FiniteRange
-from cls_bench.errors import Interrupted
+from cls_bench.errors import InputError, Interrupted
+from cls_bench.text import printable
 
 _RECORDING = click.Path(path_type=Path)
 SPEED = FiniteRange(1e-3, 1e3)
@@ -18,10 +22,32 @@ SPEED = FiniteRange(1e-3, 1e3)
               help="Folder for the page and its figures.")  # fmt: skip
 def report(recordings: tuple[Path, ...], out: Path) -> None:
     """Write one self-contained HTML page about the recordings (.mcap), with figures also as PNG and SVG."""
-    from cls_bench.report.page import write_report
     from cls_bench.report.recorded_run import open_runs
 
-    click.echo(write_report(open_runs(recordings), out))
+    with doubts_instead_of_warnings():
+        runs = open_runs(recordings)
+        from cls_bench.report.page import write_report
+
+        page = write_report(runs, out)
+        for run in runs:
+            say_doubts(run.path, run.doubts)
+    click.echo(page)
+
+
+@contextmanager
+def doubts_instead_of_warnings() -> Iterator[None]:
+    """For code that calls :func:`say_doubts`: what is wrong with a recording is said once, a line each."""
+    from cls_bench.recording.mcap_reader import RecordingWarning
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RecordingWarning)
+        yield
+
+
+def say_doubts(path: Path, doubts: Sequence[str]) -> None:
+    """Say what is wrong with a recording on standard error."""
+    for doubt in doubts:
+        click.echo(f"warning: {path}: {doubt}", err=True)
 
 
 @click.command()
@@ -35,17 +61,24 @@ def report(recordings: tuple[Path, ...], out: Path) -> None:
               help="Folder for the page.")  # fmt: skip
 def compare(first: Path, second: Path, signals: tuple[str, ...], window: tuple[float, float] | None, out: Path) -> None:
     """Compare two recordings (.mcap): metrics, parameters, and signals laid over each other in a page."""
+    from cls_bench.analysis.window import split_signal
     from cls_bench.cli.output import number, print_table
-    from cls_bench.report import comparison, page
     from cls_bench.report.recorded_run import RecordedRun, Span
 
-    a, b = RecordedRun(first), RecordedRun(second)
-    metrics = [
-        (d.name, d.unit, number(d.first), number(d.second), number(d.change), _percent(d.relative))
-        for d in comparison.differences(a, b)
-    ]
-    changed = [(key, f"{x}", f"{y}", unit) for key, x, y, unit in comparison.parameter_differences(a, b)]
-    pictures = list(comparison.overlays(a, b, signals or comparison.SIGNALS, Span(*window) if window else None))
+    for signal in signals:
+        split_signal(signal)  # raises InputError
+    with doubts_instead_of_warnings():
+        a, b = RecordedRun(first), RecordedRun(second)
+        from cls_bench.report import comparison, page
+
+        metrics = [
+            (d.name, d.unit, number(d.first), number(d.second), number(d.change), _percent(d.relative))
+            for d in comparison.differences(a, b)
+        ]
+        changed = [(key, f"{x}", f"{y}", unit) for key, x, y, unit in comparison.parameter_differences(a, b)]
+        pictures = list(comparison.overlays(a, b, signals or comparison.SIGNALS, Span(*window) if window else None))
+        for run in (a, b):
+            say_doubts(run.path, run.doubts)
     sections = []
     for title, header, rows, none in (
         ("Metrics", ("metric", "unit", "A", "B", "B − A", "change"), metrics, "They measure nothing in common."),
@@ -72,19 +105,25 @@ def _percent(part: float) -> str:
               help="Folder for the pages.")  # fmt: skip
 @click.option("--recordings", type=click.Path(path_type=Path),
               help="Folder that keeps the recordings; without it they are deleted.")  # fmt: skip
-def gallery(out: Path, recordings: Path | None) -> None:
-    """Run all shipped scenarios and build a page of them, with a report of each."""
-    import tempfile
+@click.pass_context
+def gallery(ctx: click.Context, out: Path, recordings: Path | None) -> None:
+    """Run all shipped scenarios and build a page of them, with a report of each.
 
+    The exit code is the gravest of the runs'.
+    """
+    import tempfile
+    import time
+
+    began = time.time()
     from cls_bench import experiment
-    from cls_bench.cli.output import progress_bar
+    from cls_bench.cli.output import progress_bar, results_folder
     from cls_bench.report.page import write_gallery
     from cls_bench.report.recorded_run import RecordedRun
     from cls_bench.resources import shipped_scenarios
     from cls_bench.scenario import load_scenario
 
     with tempfile.TemporaryDirectory() as folder:
-        runs = []
+        runs, codes = [], []
         for name in shipped_scenarios():
             scenario = load_scenario(name)
             with progress_bar(scenario.duration, quiet=False) as progress:
@@ -96,7 +135,9 @@ def gallery(out: Path, recordings: Path | None) -> None:
                     raise Interrupted("interrupted; nothing is kept without --recordings") from None
             click.echo(f"{name}: {result.status}")
             runs.append(RecordedRun(result.mcap))
-        click.echo(write_gallery(runs, out))
+            codes.append(result.exit_code)
+        click.echo(write_gallery(runs, results_folder(out, began)))
+    ctx.exit(max(codes, default=0))
 
 
 @click.command()
@@ -116,16 +157,31 @@ def render(
     size: tuple[int, int], out: Path | None,
 ) -> None:  # fmt: skip
     """Draw the bench from a recording (.mcap): a still, or a video."""
-    from cls_bench.report import opengl
-
-    opengl.choose()
     from cls_bench.recording import Recording
-    from cls_bench.report import rendering
+    from cls_bench.report import drawn_model, opengl
 
-    opened = Recording(recording)
-    path = out or recording.with_suffix(".mp4" if video else ".png")
-    if video:
-        rendering.save_video(opened, path, start, end or opened.duration, speed=speed, size=size, camera=camera)
-    else:
-        rendering.save_still(opened, opened.duration / 2 if at is None else at, path, size, camera)
+    with doubts_instead_of_warnings():
+        opened = Recording(recording)
+        opened.require_samples()
+        cameras = drawn_model.camera_names(drawn_model.model_xml(opened))
+        if camera not in cameras:
+            valid = printable(", ".join(cameras), 200)
+            raise InputError(f'there is no camera "{camera}"; valid: {valid}')
+        if video:
+            end = opened.duration if end is None else end
+            if not start < end:
+                raise InputError(f"--from {start:g} --to {end:g}: the video must start before it ends")
+            drawn_model.check_time(opened, end)
+        else:
+            at = opened.duration / 2 if at is None else at
+            drawn_model.check_time(opened, at)
+        opengl.choose()  # before MuJoCo is imported
+        from cls_bench.report import rendering
+
+        path = out or recording.with_suffix(".mp4" if video else ".png")
+        if video:
+            rendering.save_video(opened, path, start, end or 0.0, speed=speed, size=size, camera=camera)
+        else:
+            rendering.save_still(opened, at or 0.0, path, size, camera)
+        say_doubts(recording, opened.doubts)
     click.echo(path)

@@ -3,6 +3,7 @@
 import csv
 import dataclasses
 import math
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,7 +12,7 @@ import click
 
 from cls_bench.cli.failures import say
 from cls_bench.cli.options import FINITE, SEED, FiniteRange, GivenController, controller_options
-from cls_bench.cli.output import number, print_json, print_table
+from cls_bench.cli.output import number, print_json, print_table, results_folder
 from cls_bench.cli.sweep import points_progress
 from cls_bench.errors import ExitCode, InputError, Interrupted, OutputError
 
@@ -117,17 +118,6 @@ def _find_job(
     return find(setup, vary, standard, tolerance=tolerance, make_loop=make, follow=follow, report=tell)
 
 
-def _folder(out: Path | None, name: str) -> Path:
-    from cls_bench.experiment import RECORDINGS
-
-    folder = out or RECORDINGS / name
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"cannot write {folder}: {error.strerror}") from None
-    return folder
-
-
 def _finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
@@ -156,6 +146,8 @@ def frequency_response(
     Writes CSV, Bode and Nyquist figures, with the linear model's response beside the measured one. The bench is not
     linear: each response belongs to its amplitude, and the coherence says how much of the output it explains.
     """
+    began = time.time()
+    from cls_bench.experiment import RECORDINGS
     from cls_bench.report.style import save
     from cls_bench.stability import figures
     from cls_bench.stability.response import Excitation, measure
@@ -169,7 +161,7 @@ def frequency_response(
             from_hz, to_hz, points,
         ),
     )  # fmt: skip
-    folder = _folder(out, loop)
+    folder = results_folder(out or RECORDINGS / loop, began)
     written: list[Path] = []
     found: dict[str, dict[str, float]] = {}
     try:
@@ -184,9 +176,14 @@ def frequency_response(
             written += save(figures.nyquist(measured), folder / "nyquist")
     except OSError as error:
         raise OutputError(f"cannot write {folder}: {error.strerror}") from None
+    for line in measured.limited:
+        say(f"warning: {line}")
     if as_json:
         numbers = {k: {name: _finite(value) for name, value in v.items()} for k, v in found.items()}
-        print_json({"loop": loop, "numbers": numbers, "files": [str(path) for path in written]})
+        print_json({
+            "loop": loop, "numbers": numbers, "limits_reached": list(measured.limited),
+            "files": [str(path) for path in written],
+        })  # fmt: skip
         return
     rows = [(kind, name, "—" if math.isnan(v) else number(v)) for kind, values in found.items()
             for name, v in values.items()]  # fmt: skip
@@ -339,7 +336,10 @@ def stability_map(
 
     Ctrl-C keeps the points that are done, in points.jsonl; --resume continues from there.
     """
+    began = time.time()
     from cls_bench.analysis.variation import variation
+    from cls_bench.claims import replaced
+    from cls_bench.experiment import RECORDINGS
     from cls_bench.report.style import save
     from cls_bench.stability import figures
     from cls_bench.stability.map import Grid, compute, default_grid, table
@@ -348,14 +348,14 @@ def stability_map(
     axes = []
     for name, ends, default in ((x, x_range, usual.x), (y, y_range, usual.y)):
         axes.append(default if ends is None and name == default.name else variation(name, *(ends or (None, None))))
-    folder = _folder(out, "stability-map")
+    folder = results_folder(out or RECORDINGS / "stability-map", began, resume=resume)
     journal = folder / "points.jsonl"
     try:
         with points_progress(quiet=as_json) as report:
             result = compute(
                 _setup(overrides, grip, ideal), Grid(axes[0], axes[1], *size),
                 _standard(ideal, rate_deg, pulse, seed), journal=journal, resume=resume, scheduler=scheduler,
-                report=report,
+                report=report, say=lambda line: click.echo(line, err=True),
             )  # fmt: skip
     except KeyboardInterrupt:
         raise Interrupted(f"interrupted; kept: {journal}; continue with --resume") from None
@@ -363,7 +363,7 @@ def stability_map(
     rows = table(result)
     columns = list(dict.fromkeys(key for row in rows for key in row))
     try:
-        with path.open("w", newline="", encoding="utf-8") as file:
+        with replaced(path) as whole, whole.open("w", newline="", encoding="utf-8") as file:
             writer = csv.DictWriter(file, columns)
             writer.writeheader()
             writer.writerows(rows)
@@ -391,6 +391,8 @@ def stabilisers(
     out: Path | None, scheduler: str, as_json: bool,
 ) -> None:  # fmt: skip
     """Least stable simulated inertia with and without what a designer can do about it."""
+    began = time.time()
+    from cls_bench.experiment import RECORDINGS
     from cls_bench.report.style import save
     from cls_bench.stability import figures
     from cls_bench.stability.stabilisers import HIGHEST, compare
@@ -399,7 +401,7 @@ def stabilisers(
         found = compare(
             _setup(overrides, grip, ideal), _standard(ideal, rate_deg, pulse, seed), scheduler=scheduler, report=report
         )
-    folder = _folder(out, "stabilisers")
+    folder = results_folder(out or RECORDINGS / "stabilisers", began)
     try:
         written = save(figures.stabilisers(found, HIGHEST), folder / "stabilisers")
     except OSError as error:

@@ -1,5 +1,6 @@
 """sweep."""
 
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -7,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cls_bench.cli.output import number, print_json, print_table
+from cls_bench.cli.output import number, print_json, print_table, results_folder
 from cls_bench.errors import InputError, Interrupted, OutputError
 
 if TYPE_CHECKING:
@@ -30,6 +31,7 @@ def sweep(file: Path, out: Path | None, resume: bool, scheduler: str, as_json: b
     Writes table.parquet, figure.png and figure.svg; points that fail are rows with their error. Ctrl-C keeps the
     points that are done, in points.jsonl; --resume continues from there.
     """
+    began = time.time()
     from cls_bench.experiment import RECORDINGS
     from cls_bench.report.style import save
     from cls_bench.report.sweep_figure import sweep_figure
@@ -38,8 +40,9 @@ def sweep(file: Path, out: Path | None, resume: bool, scheduler: str, as_json: b
     from cls_bench.sweep.table import statuses, summarise, to_table, write_table
 
     plan = load_sweep(file)
-    folder = out or RECORDINGS / plan.name
-    engine, journal = make_engine(scheduler), folder / "points.jsonl"
+    engine = make_engine(scheduler)
+    folder = results_folder(out or RECORDINGS / plan.name, began, resume=resume)
+    journal = folder / "points.jsonl"
     _compile(plan, quiet=as_json)
     try:
         with points_progress(quiet=as_json) as report:
@@ -81,7 +84,7 @@ def _evaluate(report: "Report", plan: "Plan", journal: Path, resume: bool, engin
 
     return evaluate_points(
         ScenarioAt.of(plan), plan.sweep.points, journal=journal, identity=plan.identity, resume=resume,
-        scheduler=engine, report=report,
+        scheduler=engine, report=report, say=lambda line: click.echo(line, err=True),
     )  # fmt: skip
 
 

@@ -27,6 +27,7 @@ def verify(ctx: click.Context, as_json: bool, page: Path | None) -> None:
     minute on two cores. Exit code 1 if a row falls short.
     """
     from cls_bench import verification
+    from cls_bench.claims import write_text
 
     with _progress() as progress:
         rows = verification.verify(progress)
@@ -38,7 +39,7 @@ def verify(ctx: click.Context, as_json: bool, page: Path | None) -> None:
         _print_rows(rows)
     if page is not None:
         try:
-            page.write_text(verification.render(rows), encoding="utf-8")
+            write_text(page, verification.render(rows))
         except OSError as error:
             raise OutputError(f"cannot write {page}: {error.strerror}") from None
     ctx.exit(0 if passed else 1)

@@ -1,19 +1,30 @@
 """view: recordings in the Rerun viewer."""
 
 import os
-import subprocess
+import shlex
+import socket
 import sys
 import tempfile
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 from urllib.parse import quote
 
 import click
 
+from cls_bench.cli.report import doubts_instead_of_warnings, say_doubts
 from cls_bench.errors import InputError, OutputError
 
+if TYPE_CHECKING:
+    import subprocess
+
+    from cls_bench.recording import Recording
+
 WEB_PORT = 9090
+
+HERE = "127.0.0.1"
 
 
 @click.command()
@@ -31,21 +42,26 @@ def view(recordings: tuple[Path, ...], serve: bool, port: int) -> None:
 
 def view_recordings(recordings: Sequence[Path], *, serve: bool = False, port: int = WEB_PORT) -> None:
     """Open the recordings in the Rerun viewer until it is closed; InputError if it cannot start."""
-    for path in recordings:
-        if not path.is_file():
-            raise InputError(f"{path}: no such file")
-    names = " ".join(map(str, recordings))
+    opened = _opened(recordings)
+    again = f"cls-bench view --serve {shlex.join(map(str, recordings))}"
     if not serve and sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        raise InputError(f"there is no display; serve it to a browser: cls-bench view --serve {names}")
-    with _rrd(recordings) as shown:
-        command = [str(Path(sys.executable).with_name("rerun")), str(shown)]
+        raise InputError(f"there is no display; serve it to a browser: {again}")
+    ports = (port, port + 1) if serve else ()
+    for number in ports:
+        _check_free(number)
+    from cls_bench.recording.rerun_process import viewer
+
+    with _rrd(recordings, opened) as shown:
+        arguments = [str(shown)]
         if serve:
-            data_port = port + 1
-            command += ["--serve-web", "--bind", "127.0.0.1", "--web-viewer-port", str(port), "--port", str(data_port)]
-            source = quote(f"rerun+http://127.0.0.1:{data_port}/proxy", safe="")
-            click.echo(f"until Ctrl-C, open http://127.0.0.1:{port}/?url={source}")
+            arguments += ["--serve-web", "--bind", HERE, "--web-viewer-port", str(port), "--port", str(port + 1)]
         try:
-            code = subprocess.run(command, check=False).returncode
+            with viewer(arguments) as process:
+                if serve and _answers(process, ports):
+                    source = quote(f"rerun+http://{HERE}:{port + 1}/proxy", safe="")
+                    # A page that is part of a notebook sends no analytics either.
+                    click.echo(f"until Ctrl-C, open http://{HERE}:{port}/?url={source}&notebook=1")
+                code = process.wait()
         except OSError as error:
             raise InputError(
                 f"the Rerun viewer cannot be started ({error.strerror}); it comes with rerun-sdk"
@@ -53,25 +69,79 @@ def view_recordings(recordings: Sequence[Path], *, serve: bool = False, port: in
     if code:
         raise InputError(
             f"the Rerun viewer ended with code {code}; without a graphics driver, serve it to a browser: "
-            f"cls-bench view --serve {names}"
+            f"{again}"
         )
 
 
+def _check_free(port: int) -> None:
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # ports that were just given up are free
+        try:
+            probe.bind((HERE, port))
+        except OSError as error:
+            raise InputError(f"port {port} cannot be used ({error.strerror}); choose another with --port") from None
+
+
+def _answers(process: "subprocess.Popen[bytes]", ports: Sequence[int]) -> bool:
+    """Wait until all of ``ports`` answer; False if the viewer has ended."""
+    for port in ports:
+        while process.poll() is None:
+            with socket.socket() as probe:
+                if probe.connect_ex((HERE, port)) == 0:
+                    break
+            time.sleep(0.1)
+    return process.poll() is None
+
+
+RRD_MAGIC = b"RRF"
+
+
+def _opened(paths: Sequence[Path]) -> "list[Recording]":
+    """The recordings to convert: none if one path is shown as it is. InputError for what is no recording with samples.
+
+    Of several, each ``.rrd`` stands for the ``.mcap`` beside it.
+    """
+    from cls_bench.recording import Recording
+
+    if len(paths) == 1 and paths[0].suffix == ".rrd":
+        _check_rrd(paths[0])
+        return []
+    with doubts_instead_of_warnings():
+        opened = [Recording(path.with_suffix(".mcap") if path.suffix == ".rrd" else path) for path in paths]
+        for recording in opened:
+            recording.require_samples()
+    return opened
+
+
+def _check_rrd(path: Path) -> None:
+    if not path.is_file():
+        raise InputError(f"{path}: {'not a regular file' if path.exists() else 'no such file'}")
+    try:
+        with path.open("rb") as file:
+            magic = file.read(len(RRD_MAGIC))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    if magic != RRD_MAGIC:
+        raise InputError(f"{path}: not a file of the Rerun viewer")
+
+
 @contextmanager
-def _rrd(recordings: Sequence[Path]) -> Iterator[Path]:
-    """One .rrd that shows all of ``recordings``: the one there is, or one made for the while."""
-    if len(recordings) == 1:
-        rrd = recordings[0].with_suffix(".rrd")
-        if rrd.is_file():
+def _rrd(paths: Sequence[Path], opened: "Sequence[Recording]") -> Iterator[Path]:
+    """One .rrd that shows all of ``paths``: the one there is, or one made of ``opened`` for the while."""
+    if len(paths) == 1:
+        rrd = paths[0].with_suffix(".rrd")
+        if rrd.is_file() and (rrd.stat().st_size or not opened):  # a run that was killed early left nothing in it
+            _check_rrd(rrd)
             yield rrd
             return
-    from cls_bench.recording import Recording
     from cls_bench.recording.rerun_writer import write_rrd
 
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / f"{recordings[0].stem}.rrd"
+    with tempfile.TemporaryDirectory() as folder, doubts_instead_of_warnings():
+        path = Path(folder) / f"{paths[0].stem}.rrd"
         try:
-            write_rrd([Recording(recording.with_suffix(".mcap")) for recording in recordings], path)
+            write_rrd(opened, path)
         except OSError as error:
             raise OutputError(f"cannot write {path}: {error.strerror}") from None
+        for recording in opened:
+            say_doubts(recording.path, recording.doubts)
         yield path

@@ -16,8 +16,10 @@ COMMAND_POSITION, COMMAND_VELOCITY, COMMAND_ACCELERATION, COMMAND_TORQUE = range
 FEEDBACK_POSITION, FEEDBACK_VELOCITY = range(2)
 """Slots of a feedback frame: PLCopen units, units/s."""
 
-NO_TRIP, LIMIT_SWITCH, FOLLOWING_ERROR = range(3)
-"""Why the PLC switched the drive off."""
+TRIPS = ("none", "limit_switch", "following_error", "invalid_value")
+"""Why the PLC switched the drive off, by name."""
+
+NO_TRIP, LIMIT_SWITCH, FOLLOWING_ERROR, INVALID_VALUE = range(len(TRIPS))
 
 STATE = np.dtype(
     [

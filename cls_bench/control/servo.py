@@ -31,6 +31,12 @@ STATE = np.dtype(
         ("current_integral", np.float64),  # [V]
         ("thermal_load", np.float64),  # I²t monitor: 1 at the continuous current for good
         ("voltage", np.float64),  # newest output of the current controller [V]
+        # what was asked for before a limit, for the log alone
+        ("asked_velocity", np.float64),  # [rad/s]
+        ("asked_torque", np.float64),  # [N·m]
+        ("asked_current", np.float64),  # [A]
+        ("allowed_current", np.float64),  # [A]
+        ("asked_voltage", np.float64),  # [V]
     ]
 )
 
@@ -53,6 +59,7 @@ def reset(state: Any, encoder: float) -> None:
     state.torque_command = 0.0
     state.current_integral = 0.0
     state.voltage = 0.0
+    state.asked_velocity = state.asked_torque = state.asked_current = state.asked_voltage = 0.0
 
 
 @compiled
@@ -73,6 +80,7 @@ def position_controller(
     else:
         integral = 0.0
     output = gains.position_proportional * error + integral + ahead
+    state.asked_velocity = output
     state.position_output = _limited(output, drive.speed_limit)
     if output == state.position_output or (output > 0.0) != (error > 0.0):
         state.position_integral = integral
@@ -91,6 +99,7 @@ def velocity_command(drive: Any, state: Any, encoder: float, set_velocity: float
     """Velocity mode: the set velocity comes from the bus; the position controller is out of work. Every 400 µs."""
     state.set_position = encoder
     state.position_output_before = state.position_output
+    state.asked_velocity = set_velocity
     state.position_output = _limited(set_velocity, drive.speed_limit)
     state.position_integral = 0.0
 
@@ -101,7 +110,9 @@ def torque_command(drive: Any, state: Any, encoder: float) -> None:
 
     The controllers above it follow what happens, so that a later change of mode makes no jump.
     """
-    state.torque_command = _limited(drive.set_torque + state.feed_forward, drive.torque_limit)
+    state.asked_velocity = 0.0
+    state.asked_torque = drive.set_torque + state.feed_forward
+    state.torque_command = _limited(state.asked_torque, drive.torque_limit)
     state.set_position = encoder
     state.position_integral = 0.0
     state.set_velocity = state.position_output = state.velocity
@@ -124,6 +135,7 @@ def velocity_controller(drive: Any, gains: Gains, state: Any, cycle: float) -> N
     error = state.set_velocity - state.velocity
     integral = state.velocity_integral + gains.velocity_proportional * error * cycle / gains.velocity_integral_time
     torque = gains.velocity_proportional * error + integral + state.feed_forward
+    state.asked_torque = torque
     state.torque_command = _limited(torque, drive.torque_limit)
     if torque == state.torque_command or (torque > 0.0) != (error > 0.0):
         state.velocity_integral = integral
@@ -149,10 +161,12 @@ def current_controller(
     voltage = k_p e + k_i ∫ e dt + K ω
     """
     allowed = current_limit(drive, state, current, motor.thermal_time_constant, tick)
-    error = _limited(state.torque_command / motor.torque_constant, allowed) - current
+    state.asked_current, state.allowed_current = state.torque_command / motor.torque_constant, allowed
+    error = _limited(state.asked_current, allowed) - current
     emf = motor.torque_constant * state.velocity
     integral = state.current_integral + gains.current_integral * error * tick
     wanted = gains.current_proportional * error + integral + emf
+    state.asked_voltage = wanted
     state.voltage = _limited(wanted, voltage_limit)
     if wanted == state.voltage or (wanted > 0.0) != (error > 0.0):
         state.current_integral = integral

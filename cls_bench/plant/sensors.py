@@ -38,6 +38,13 @@ def load_cell_count(cell: Any) -> float:
 
 
 @compiled
+def is_saturated(cell: Any, counts: float) -> bool:
+    """Whether the converter is at either end of its range."""
+    full_scale = float(1 << (cell.adc_bits - 1))
+    return bool(counts >= full_scale - 1.0 or counts <= -full_scale)
+
+
+@compiled
 def weigh(cell: Any, force: float, noise: float, samples: Any) -> None:
     """Take one sample of the load cell under ``force`` [N], tension positive.
 

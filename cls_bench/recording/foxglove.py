@@ -27,6 +27,9 @@ from numpy.typing import NDArray
 from cls_bench.geometry import Geom, Vector, capsule_ends, plane_box
 from cls_bench.signals import TICK_NS, Event, Topic
 
+MOST_BODIES, MOST_GEOMS = 200, 10_000
+"""Bodies and shapes of a bench that are read; a file that has more is none of ours."""
+
 WORLD = "world"
 """Frame to which all poses refer."""
 
@@ -56,10 +59,17 @@ def topic_schema(topic: Topic) -> bytes:
     return bytes(FileDescriptorSet(file=[file]).SerializeToString(deterministic=True))
 
 
-def field_names(schema: bytes) -> tuple[str, ...]:
-    """Field names of the only message in a FileDescriptorSet, by field number."""
-    fields = FileDescriptorSet.FromString(schema).file[0].message_type[0].field
-    return tuple(f.name for f in sorted(fields, key=lambda f: f.number))
+def double_fields(schema: bytes, name: str) -> dict[int, str]:
+    """Number -> name of the fields of type double of message ``name`` in a FileDescriptorSet, by their numbers.
+
+    Raises DecodeError, and KeyError if it holds no such message.
+    """
+    for file in FileDescriptorSet.FromString(schema).file:
+        for message in file.message_type:
+            if f"{file.package}.{message.name}" == name:
+                fields = {f.number: f.name for f in message.field if f.type == FieldDescriptorProto.TYPE_DOUBLE}
+                return dict(sorted(fields.items()))
+    raise KeyError(name)
 
 
 def library_schema(message: Any) -> bytes:
@@ -135,17 +145,27 @@ def scene(body_names: Sequence[str], geoms: Sequence[Geom]) -> bytes:
 
 
 def parse_scene(data: bytes, body_names: Sequence[str]) -> tuple[Geom, ...]:
-    """The shapes back from :func:`scene`: a plane as a box, a capsule as a cylinder and two spheres."""
+    """The shapes back from :func:`scene`: a plane as a box, a capsule as a cylinder and two spheres.
+
+    Raises DecodeError and ValueError.
+    """
     geoms: list[Geom] = []
+    bodies = {name: number for number, name in enumerate(body_names)}
     for entity in SceneUpdate.FromString(data).entities:
-        body = list(body_names).index(entity.id)
+        if entity.id not in bodies:
+            continue
+        body = bodies[entity.id]
         geoms += [_geom(body, "box", it, (it.size.x / 2, it.size.y / 2, it.size.z / 2)) for it in entity.cubes]
         geoms += [_geom(body, "cylinder", it, (it.size.x / 2, it.size.z / 2, 0.0)) for it in entity.cylinders]
         geoms += [_geom(body, "ellipsoid", it, (it.size.x / 2, it.size.y / 2, it.size.z / 2)) for it in entity.spheres]
         for mesh in entity.triangles:
             vertices = np.array([(p.x, p.y, p.z) for p in mesh.points], np.float32)
             faces = np.array(mesh.indices, np.int32).reshape(-1, 3)
+            if faces.size and not 0 <= faces.min() <= faces.max() < len(vertices):
+                raise ValueError("a mesh has faces without vertices")
             geoms.append(replace(_geom(body, "mesh", mesh, (0.0, 0.0, 0.0)), vertices=vertices, faces=faces))
+        if len(geoms) > MOST_GEOMS:
+            raise ValueError("too many shapes")
     return tuple(geoms)
 
 

@@ -2,28 +2,23 @@
 
 import importlib
 import json
-import struct
+import re
+import threading
 import warnings
-import zlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
-from io import BytesIO
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import IO, Any, TypeVar
+from typing import IO, Any, NamedTuple, TypeVar
 
 import numpy as np
-import zstandard
-from mcap.data_stream import ReadDataStream
-from mcap.exceptions import McapError
-from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, Metadata, Schema
-from mcap.writer import MCAP0_MAGIC
+from google.protobuf.message import DecodeError  # type: ignore[import-untyped]
 from numpy.typing import NDArray
 
 from cls_bench.errors import InputError
 from cls_bench.recording import foxglove
-from cls_bench.recording.layout import FIELD_BYTES, MESSAGE_HEAD_BYTES, Index, message_dtype, tags
+from cls_bench.recording.mcap_file import UNKNOWN_NS, Chunk, DamagedError, McapFile, Messages
 from cls_bench.recording.mcap_writer import (
     PARAMETERS_ATTACHMENT,
     RESULT_METADATA,
@@ -35,7 +30,10 @@ from cls_bench.recording.mcap_writer import (
     WALL_CLOCK_METADATA,
 )
 from cls_bench.recording.run_info import RunInfo
-from cls_bench.signals import EVENTS_TOPIC, TICK_NS, Block, Event, Signal, Topic
+from cls_bench.recording.samples import decode
+from cls_bench.recording.seal import SEAL_KEY, SEAL_METADATA, seal_of
+from cls_bench.signals import EVENTS_TOPIC, POSE_TICKS, TICK_NS, TOPICS, Block, Event, Signal, Topic
+from cls_bench.text import printable
 
 INCOMPLETE = "incomplete"
 """Status of a recording whose run was killed."""
@@ -43,26 +41,37 @@ INCOMPLETE = "incomplete"
 READERS = 2
 """Chunks that are unpacked at once: more would hold more memory."""
 
-_HEAD = struct.Struct("<BQ")  # opcode and length of a record
-_CHUNK_HEAD = struct.Struct("<QQQII")  # first and last time, size, CRC, length of the compression's name
-_HEAD_BYTES = 64  # of a record: more than is needed of a chunk's or a message index's head
+PIECE_NS = 1_000_000_000
+"""Where chunks overlap in time, blocks are put together piece by piece of this length."""
 
-Poses = NDArray[np.float64]
+CACHE_BYTES = 128 << 20
+"""Unpacked chunks that are kept while blocks are put together from chunks that overlap in time."""
+
+LONGEST_TEXT = 1000
+"""Characters of a text in the file, such as an event's, that are shown."""
+
+Times = NDArray[np.uint64]
+_T = TypeVar("_T")
+Array = NDArray[np.float64]
+
+Poses = Array
 """Position [m] and quaternion w, x, y, z of each body, world first, shape (rows, bodies, 7)."""
 
-_Record = TypeVar("_Record", Attachment, Channel, Metadata, Schema)
+
+class RecordingWarning(UserWarning):
+    """Something is wrong with a recording that can be read all the same; see :attr:`Recording.doubts`."""
 
 
 @dataclass(frozen=True)
 class Series:
     """Signals of one topic over time."""
 
-    time: NDArray[np.float64]
+    time: Array
     """time since the start of the run, shape (rows,) [s]"""
-    values: Mapping[str, NDArray[np.float64]]
+    values: Mapping[str, Array]
     """signal name -> values, each of shape (rows,), in the signal's SI unit"""
 
-    def __getitem__(self, signal: str) -> NDArray[np.float64]:
+    def __getitem__(self, signal: str) -> Array:
         return self.values[signal]
 
     def __len__(self) -> int:
@@ -84,64 +93,79 @@ def _library(name: str) -> Any:
         raise InputError(f"{name} is not installed: pip install {name}") from None
 
 
-@dataclass
-class _Chunk:
-    """Where a chunk and the message indexes of its channels lie in the file."""
+class Loss(NamedTuple):
+    """A stretch of time that was recorded but cannot be read, or is missing."""
 
-    offset: int
-    length: int
-    start_ns: int
-    end_ns: int
-    size: int
-    crc: int
-    indexes: dict[int, tuple[int, int]] = field(default_factory=dict)
-    """channel -> offset and length of the entries"""
-    indexed: bool = False
-    """all of its message indexes are there"""
+    start: float
+    """[s]"""
+    end: float
+    """[s]"""
+    reason: str
 
 
-@dataclass(frozen=True)
-class _Wanted:
+class _Channel(NamedTuple):
+    """A channel with samples: its number, and field number -> name in its messages."""
+
+    id: int
+    fields: Mapping[int, str]
+
+
+class _Wanted(NamedTuple):
     """What to read of a topic."""
 
     topic: Topic
     names: tuple[str, ...]
-    columns: list[int]
-    every: int
+    every: int = 1
+
+
+_Part = tuple[Times, Array]
+"""Times [ns] and samples, shape (signals, rows)."""
 
 
 class Recording:
-    """A recording made by :class:`McapRecorder`, complete or cut short.
+    """A recording made by :class:`McapRecorder`, complete, cut short, or written again by other tools.
 
     Opening it reads the heads of all records; :meth:`read` and :meth:`events` then hold one chunk at a time. Raises
-    :class:`InputError` if there is no such file or it is no MCAP file. Of a file that was cut short, all complete
-    chunks are read; ``truncated`` is then true and a warning is issued once.
+    :class:`InputError` if there is no such file or it is no recording. A chunk that is damaged costs what is in it and
+    a :class:`RecordingWarning`; so does a file that was cut short, whose ``truncated`` is then true, unless it is known
+    to be ``unfinished``.
     """
 
-    def __init__(self, path: Path):
+    def __init__(self, path: Path, *, unfinished: bool = False):
         self.path = path
-        self.truncated = True
+        self._file = McapFile(path)
+        self._lock = threading.Lock()
+        self._said: set[str] = set()
+        self._verified = False
+        self.truncated = self._file.truncated
         self.topics: dict[str, Topic] = {}
         """topics of signals in the file, with units and meanings as recorded"""
-        self.attachments: dict[str, bytes] = {}
+        self.attachments: dict[str, bytes] = self._file.attachments
         """name -> content: scenario.toml, parameters.json and the model files"""
-        self._channels: dict[str, int] = {}
-        self._chunks: list[_Chunk] = []
-        self._metadata: dict[str, dict[str, str]] = {}
-        try:
-            with path.open("rb") as file:
-                if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
-                    raise InputError(f"{path} is no MCAP file")
-                self._scan(file)
-        except OSError as error:
-            raise InputError(f"cannot read {path}: {error.strerror}") from None
-        if self.truncated:
-            warnings.warn(f"{path} was cut short; reading its complete chunks", stacklevel=2)
+        self._samples: dict[str, list[_Channel]] = {}
+        self._others: dict[str, list[int]] = {}
+        self._find_topics()
+        if not self.topics and self._file.library != "cls-bench":
+            cut = ", or was cut short before them" if self.truncated else ""
+            raise InputError(f"{path}: not a recording of cls-bench: it has none of its topics{cut}")
+        self._chunks = sorted(self._file.chunks, key=lambda chunk: chunk.start_ns)
+        if self.truncated and not unfinished:
+            self._warn("it was cut short; reading its complete chunks")
+        for fault in self._file.faults:
+            self._warn(fault)
+        self._warn_of_lost_chunks()
+
+    # --- what it says about its run ----------------------------------------------------------------------------------
+
+    @property
+    def all_metadata(self) -> Mapping[str, Mapping[str, str]]:
+        """All metadata records by name."""
+        return self._file.metadata
 
     @property
     def metadata(self) -> Mapping[str, str]:
         """Seed, versions, … and ``scenario``, the scenario's name."""
-        return self._metadata.get(RUN_METADATA, {})
+        return self._file.metadata.get(RUN_METADATA, {})
 
     @property
     def scenario_name(self) -> str:
@@ -151,44 +175,123 @@ class Recording:
     @property
     def wall_start(self) -> str:
         """Wall-clock time of the start, ISO 8601; empty if the file was cut before it."""
-        return self._metadata.get(WALL_CLOCK_METADATA, {}).get("start", "")
+        return self._file.metadata.get(WALL_CLOCK_METADATA, {}).get("start", "")
 
     @property
     def wall_end(self) -> str:
         """Wall-clock time of the end, ISO 8601; empty if the run was killed."""
-        return self._metadata.get(WALL_CLOCK_END_METADATA, {}).get("end", "")
+        return self._file.metadata.get(WALL_CLOCK_END_METADATA, {}).get("end", "")
+
+    @property
+    def result(self) -> Mapping[str, str]:
+        """The closing record: ``status`` and, as they were when the run ended, ``verdict`` and ``checks``."""
+        return self._file.metadata.get(RESULT_METADATA, {})
 
     @property
     def status(self) -> str:
         """What was passed to ``finish``, or ``"incomplete"`` if the run was killed."""
-        return self._metadata.get(RESULT_METADATA, {}).get("status", INCOMPLETE)
+        return printable(self.result.get("status", INCOMPLETE), LONGEST_TEXT)
 
     @property
     def parameters(self) -> Any:
-        """The parameters of the run as nested dictionaries."""
-        return json.loads(self.attachments.get(PARAMETERS_ATTACHMENT, b"{}"))
+        """The parameters of the run as nested dictionaries. InputError if they are damaged."""
+        try:
+            found = json.loads(self.attachments.get(PARAMETERS_ATTACHMENT, b"{}"))
+        except (ValueError, RecursionError):
+            found = None
+        if not isinstance(found, dict):
+            raise self._damaged(f"{PARAMETERS_ATTACHMENT} is no JSON object")
+        return found
 
     @property
     def duration(self) -> float:
-        """Time from the start of the run to the end of the last recorded tick [s]."""
-        if not self._chunks:
-            return 0.0
-        return (max(chunk.end_ns for chunk in self._chunks) + TICK_NS) / 1e9
+        """Time from the start of the run to the end of the last tick that was recorded and can be read [s].
+
+        Of a recording with fewer samples, the run may have gone on for a part of their interval after the last.
+        """
+        ends = [chunk.end_ns for chunk in self._chunks if not chunk.lost]
+        end = max(ends) // TICK_NS + 1 if ends else 0
+        text = self.result.get("ticks", "")
+        ticks = int(text) if re.fullmatch("[0-9]{1,9}", text) else 0
+        slowest = max((topic.ticks for topic in self.topics.values()), default=1)
+        return (ticks if 0 < ticks - end < slowest else end) * TICK_NS / 1e9
+
+    # --- what is wrong with it ---------------------------------------------------------------------------------------
+
+    def verify(self) -> None:
+        """Read all samples once, so that :attr:`losses` and :attr:`doubts` are complete."""
+        if self._verified:
+            return
+        self._verified = True
+        wanted = [_Wanted(topic, topic.names) for topic in self.topics.values()]
+
+        def look(messages: Messages) -> None:
+            for part in wanted:
+                self._part(messages, part, 0, None)
+
+        self._each_chunk(self._chosen(0, None), look)
+
+    def require_samples(self) -> None:
+        """Raise InputError unless there are samples, as far as was read."""
+        own = {channel.id for channels in self._samples.values() for channel in channels}
+        good = [chunk for chunk in self._chunks if not chunk.lost]
+        if not any(own & (chunk.indexes.keys() if chunk.channels is None else chunk.channels) for chunk in good):
+            lost = any(chunk.lost for chunk in self._chunks)
+            why = "all of its chunks are damaged" if lost else "the run ended before the first were written"
+            raise InputError(f"{self.path}: holds no samples: {why}")
+
+    @property
+    def losses(self) -> tuple[Loss, ...]:
+        """What is lost, in order of time, as far as was read."""
+        good = [chunk for chunk in self._chunks if not chunk.lost]
+        lost = [chunk for chunk in self._chunks if chunk.lost]
+        period = max((topic.ticks for topic in self.topics.values()), default=1) * TICK_NS
+        found = []
+        end = good[0].start_ns if good else 0
+        for chunk in good:
+            if chunk.start_ns > end + period:
+                inside = [other for other in lost if end < other.start_ns < chunk.start_ns]
+                inside = inside or [other for other in lost if other.start_ns == UNKNOWN_NS][:1]
+                lost = [other for other in lost if all(other is not there for there in inside)]
+                reason = inside[0].lost if inside else "nothing was found there"
+                found.append(Loss((end + TICK_NS) / 1e9, chunk.start_ns / 1e9, reason))
+            end = max(end, chunk.end_ns)
+        for other in lost:
+            if other.start_ns == UNKNOWN_NS:  # it may have been anywhere that nothing else tells of
+                found.append(Loss(0.0, (end + TICK_NS) / 1e9, f"somewhere; {other.lost}"))
+            else:
+                found.append(Loss(other.start_ns / 1e9, (other.end_ns + TICK_NS) / 1e9, other.lost))
+        return tuple(sorted(found))
+
+    @cached_property
+    def _seal_is_broken(self) -> bool:
+        seal = self._file.metadata.get(SEAL_METADATA, {}).get(SEAL_KEY)
+        return seal is not None and seal != seal_of(self._file.metadata, self.attachments)
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """What is wrong with the file, as far as was read, one line each."""
+        lines = [f"the file was cut short: it ends at {self.duration:g} s"] if self.truncated else []
+        lines += self._file.faults
+        lines += [f"samples from {start:g} to {end:g} s are lost: {reason}" for start, end, reason in self.losses]
+        if self._seal_is_broken:
+            lines.append("what the file says about its run was changed after the run: its seal is broken")
+        return tuple(printable(line, LONGEST_TEXT) for line in lines)
+
+    # --- what it holds -----------------------------------------------------------------------------------------------
 
     def events(self) -> tuple[Event, ...]:
-        """All events in the order in which they were recorded."""
-        channel = self._channels.get(EVENTS_TOPIC)
-        if channel is None:
-            return ()
+        """All events in order of time. InputError if one is damaged."""
         found = []
-        with self.path.open("rb") as file:
-            for chunk in self._chunks:
-                if chunk.indexed and channel not in chunk.indexes:
-                    continue
-                data = self._load(file, chunk)
-                for time, offset in self._index(file, chunk, channel).tolist():
-                    found.append(foxglove.parse_log(_payload(data, offset), time // TICK_NS))
-        return tuple(found)
+        for time, sequence, payload in self._payloads(EVENTS_TOPIC):
+            try:
+                event = foxglove.parse_log(payload, time // TICK_NS)
+            except (DecodeError, UnicodeDecodeError):
+                raise self._damaged(f"the event at {time / 1e9:g} s cannot be read") from None
+            source, message = (printable(text, LONGEST_TEXT) for text in (event.source, event.message))
+            found.append((time, sequence, Event(event.tick, event.level, source, message)))
+        found.sort(key=lambda entry: entry[:2])
+        return tuple(event for _, _, event in found)
 
     def read(
         self,
@@ -201,284 +304,348 @@ class Recording:
         """Samples of ``signals`` (all if None) of ``topic`` with start ≤ time < end [s].
 
         ``every`` keeps the rows whose tick is divisible by ``every`` times the topic's ticks. Raises
-        :class:`InputError` for an unknown topic or signal, and if a chunk is damaged.
+        :class:`InputError` for an unknown topic or signal. What is in damaged chunks is left out, with a warning.
         """
         if every < 1:
             raise InputError(f"every = {every}: must be at least 1")
         known = self._topic(topic)
         names = known.names if signals is None else tuple(signals)
-        return self._read([_Wanted(known, names, [self._column(known, name) for name in names], every)], start, end)[0]
+        for name in names:
+            if name not in known.names:
+                raise InputError(f"topic {topic} has no signal {name!r}; it has {', '.join(known.names)}")
+        return self._read([_Wanted(known, names, every)], start, end)[0]
 
     def read_all(self, start: float | None = None, end: float | None = None) -> dict[str, Series]:
         """All signals of all topics with start ≤ time < end [s], by topic: each chunk is unpacked just once."""
-        wanted = [_Wanted(t, t.names, list(range(len(t.names))), 1) for t in self.topics.values()]
+        wanted = [_Wanted(topic, topic.names) for topic in self.topics.values()]
         return dict(zip(self.topics, self._read(wanted, start, end), strict=True))
 
     def blocks(self) -> Iterator[Block]:
-        """The run as the blocks in which it was recorded, poses and events with them."""
+        """The run as blocks of all known topics, poses and events with them; as it was recorded, unless rewritten.
+
+        A signal that is not in the file is NaN; one with fewer samples than usual is held from one to the next. A block
+        ends where samples are lost.
+        """
+        self.verify()
         events = self.events()
-        wanted = [_Wanted(t, t.names, list(range(len(t.names))), 1) for t in self.topics.values()]
-        with self.path.open("rb") as file:
-            for chunk in self._chunks:
-                data = self._load(file, chunk)
-                parts = self._parts(file, chunk, data, wanted, 0, None)
-                fastest = next(times for part, (times, _) in zip(wanted, parts, strict=True) if part.topic.ticks == 1)
-                first, ticks = int(fastest[0]) // TICK_NS, len(fastest)
-                signals = {part.topic.path: rows.T for part, (_, rows) in zip(wanted, parts, strict=True)}
-                _, poses = self._poses(file, chunk, data)
-                inside = tuple(event for event in events if first <= event.tick < first + ticks)
-                yield Block(first, ticks, signals, poses, inside)
+        bodies = len(self._body_names)
+        chunks = self._chosen(0, None)
+        with self._file.open() as file:
+            cache: dict[int, Messages] = {}
+            for start_ns, end_ns in _pieces(chunks):
+                inside = [chunk for chunk in chunks if chunk.start_ns < end_ns and chunk.end_ns >= start_ns]
+                found = self._cached(file, cache, inside)
+                parts = {
+                    topic.path: self._joined(
+                        topic.path, [self._part(messages, _Wanted(topic, topic.names), start_ns, end_ns)
+                                     for messages in found],
+                    )
+                    for topic in self.topics.values()
+                }  # fmt: skip
+                poses = self._poses_in(found, start_ns, end_ns)
+                yield from _blocks(self.topics, parts, poses, bodies, events)
 
-    def poses(self, start: float | None = None, end: float | None = None) -> tuple[NDArray[np.float64], Poses]:
+    def poses(self, start: float | None = None, end: float | None = None) -> tuple[Array, Poses]:
         """Times [s] and poses of the bodies with start ≤ time < end [s], as in :class:`cls_bench.signals.Block`."""
-        start_ns = 0 if start is None else _next_tick(start) * TICK_NS
-        end_ns = self._chunks[-1].end_ns + 1 if end is None and self._chunks else _next_tick(end or 0.0) * TICK_NS
-        times, rows = [np.zeros(0, np.uint64)], []
-        with self.path.open("rb") as file:
-            for chunk in self._chunks:
-                if chunk.end_ns >= start_ns and chunk.start_ns < end_ns:
-                    time, poses = self._poses(file, chunk, self._load(file, chunk))
-                    kept = (time >= start_ns) & (time < end_ns)
-                    times.append(time[kept])
-                    rows.append(poses[kept])
-        return np.concatenate(times) / 1e9, np.concatenate(rows) if rows else np.zeros((0, 1, 7))
-
-    def _poses(self, file: IO[bytes], chunk: _Chunk, data: bytes) -> tuple[NDArray[np.uint64], Poses]:
-        """Times [ns] and poses in a chunk."""
-        channel = self._channels.get(TRANSFORMS_TOPIC)
-        index = self._index(file, chunk, channel) if channel is not None else np.zeros((0, 2), np.uint64)
-        rows = [foxglove.parse_transforms(_payload(data, int(offset))) for offset in index[:, 1]]
-        return index[:, 0], np.array(rows, np.float64).reshape(len(rows), -1, 7) if rows else np.zeros((0, 1, 7))
+        start_ns, end_ns = _span(start, end)
+        chosen = self._chosen(start_ns, end_ns)
+        found = self._each_chunk(chosen, lambda messages: self._poses_in([messages], start_ns, end_ns))
+        times = np.concatenate([np.zeros(0, np.uint64), *(part[0] for part in found)])
+        order = np.argsort(times, kind="stable")
+        rows = [part[1] for part in found if len(part[0])]
+        return times[order] / 1e9, np.concatenate(rows)[order] if rows else np.zeros((0, 1, 7))
 
     def run_info(self) -> RunInfo:
         """What the recording says about its run besides the samples, shapes of the bodies included."""
         attachments = dict(self.attachments)
         scenario = attachments.pop(SCENARIO_ATTACHMENT, b"")
         attachments.pop(PARAMETERS_ATTACHMENT, None)
-        transforms, scene = self._first_payload(TRANSFORMS_TOPIC), self._first_payload(SCENE_TOPIC)
-        bodies = foxglove.parse_body_names(transforms) if transforms else (foxglove.WORLD,)
+        scene = next((payload for _, _, payload in self._payloads(SCENE_TOPIC)), b"")
+        bodies = self._body_names
+        try:
+            geoms = foxglove.parse_scene(scene, bodies) if scene else ()
+        except (DecodeError, ValueError, OverflowError):
+            raise self._damaged("the shapes of the bodies cannot be read") from None
         return RunInfo(
-            scenario_name=self.scenario_name,
+            scenario_name=printable(self.scenario_name, LONGEST_TEXT),
             scenario_toml=scenario,
             mjcf=attachments,
             parameters=self.parameters,
             metadata={name: text for name, text in self.metadata.items() if name != "scenario"},
             wall_start=self.wall_start,
             body_names=bodies,
-            geoms=foxglove.parse_scene(scene, bodies) if scene else (),
+            geoms=geoms,
         )
 
-    def _first_payload(self, topic: str) -> bytes:
-        """Data of the first message of a topic; empty if there is none."""
-        channel = self._channels.get(topic)
-        if channel is None:
-            return b""
-        with self.path.open("rb") as file:
-            for chunk in self._chunks:
-                index = self._index(file, chunk, channel)
-                if len(index):
-                    return _payload(self._load(file, chunk), int(index[0, 1]))
-        return b""
+    # --- topics ------------------------------------------------------------------------------------------------------
 
-    def _read(self, wanted: Sequence["_Wanted"], start: float | None, end: float | None) -> list[Series]:
-        """Samples of all of ``wanted``, in one pass over the chunks."""
-        start_ns = 0 if start is None else _next_tick(start) * TICK_NS
-        end_ns = None if end is None else _next_tick(end) * TICK_NS
-        chunks = [
-            chunk for chunk in self._chunks
-            if chunk.end_ns >= start_ns and (end_ns is None or chunk.start_ns < end_ns)
-        ]  # fmt: skip
-        with ThreadPoolExecutor(READERS) as pool:  # unpacking, checksum and copying release the interpreter
-
-            def parts(chunk: _Chunk) -> list[tuple[NDArray[np.uint64], NDArray[np.float64]]]:
-                with self.path.open("rb") as file:
-                    return self._parts(file, chunk, None, wanted, start_ns, end_ns)
-
-            found = list(pool.map(parts, chunks))
-        series = []
-        for number, part in enumerate(wanted):
-            times = [chunk[number][0] for chunk in found]
-            values = [chunk[number][1] for chunk in found]
-            time = np.concatenate(times) / 1e9 if times else np.zeros(0)
-            joined = np.concatenate(values, axis=1) if values else np.zeros((len(part.names), 0))
-            series.append(Series(time, dict(zip(part.names, joined, strict=True))))
-        return series
-
-    def _parts(
-        self, file: IO[bytes], chunk: _Chunk, data: bytes | None, wanted: Sequence["_Wanted"],
-        start_ns: int, end_ns: int | None,
-    ) -> list[tuple[NDArray[np.uint64], NDArray[np.float64]]]:  # fmt: skip
-        """Times [ns] and samples, shape (signals, rows), of all of ``wanted`` in a chunk, unpacked only if needed."""
-        parts = []
-        for part in wanted:
-            index = self._index(file, chunk, self._channels[part.topic.path])
-            kept = index[:, 0] >= start_ns
-            if part.every > 1:
-                kept &= index[:, 0] % (part.every * part.topic.ticks * TICK_NS) == 0
-            if end_ns is not None:
-                kept &= index[:, 0] < end_ns
-            index = index[kept]
-            if not len(index):
-                parts.append((index[:, 0], np.zeros((len(part.names), 0))))
+    def _find_topics(self) -> None:
+        """The topics of the file; of one that is recorded in several channels, the first says what it is."""
+        for channel in self._file.channels.values():
+            if channel.message_encoding != "protobuf":
                 continue
-            data = self._load(file, chunk) if data is None else data
-            parts.append((index[:, 0], self._values(data, index[:, 1], len(part.topic.signals), part.columns)))
-        return parts
+            schema = self._file.schemas.get(channel.schema_id)
+            if schema is None or not schema.name.startswith(f"{foxglove.PACKAGE}."):
+                self._others.setdefault(channel.topic, []).append(channel.id)
+                continue
+            try:
+                fields = foxglove.double_fields(schema.data, schema.name)
+                ticks = int(channel.metadata["ticks"])
+            except (DecodeError, KeyError, ValueError):
+                fields, ticks = {}, 0
+            path = channel.topic
+            if not fields or not 1 <= ticks <= 1_000_000 or path != printable(path):
+                raise self._damaged(f'topic "{printable(path, 100)}" cannot be understood')
+            about = {key: printable(text, LONGEST_TEXT) for key, text in channel.metadata.items()}
+            signals = tuple(
+                Signal(name, about.get(f"{name}.unit", ""), about.get(f"{name}.meaning", ""))
+                for name in fields.values()
+            )
+            topic = Topic(path, ticks, about.get("meaning", ""), signals)
+            known = self.topics.setdefault(path, topic)
+            if (known.ticks, known.names) != (topic.ticks, topic.names):
+                raise self._damaged(f"topic {path} is there twice, in different ways")
+            self._samples.setdefault(path, []).append(_Channel(channel.id, fields))
+        order = {topic.path: number for number, topic in enumerate(TOPICS)}
+        self.topics = dict(sorted(self.topics.items(), key=lambda item: order.get(item[0], len(order))))
 
     def _topic(self, path: str) -> Topic:
         if path not in self.topics:
             raise InputError(f"{self.path} has no topic {path!r}; it has {', '.join(self.topics) or 'none'}")
         return self.topics[path]
 
-    def _column(self, topic: Topic, name: str) -> int:
-        if name not in topic.names:
-            raise InputError(f"topic {topic.path} has no signal {name!r}; it has {', '.join(topic.names)}")
-        return topic.names.index(name)
-
-    def _values(
-        self, data: bytes, offsets: NDArray[np.uint64], signals: int, columns: Sequence[int]
-    ) -> NDArray[np.float64]:
-        """Samples of ``columns`` from the Message records at ``offsets``, shape (columns, rows).
-
-        Of each field a view with an element at every byte of the chunk is made, of which the wanted ones are taken.
-        """
-        record = message_dtype(signals)
-        if int(offsets.max()) + record.itemsize > len(data):
-            raise self._damaged("a message index points beyond its chunk")
-
-        def field(at: int, dtype: str) -> NDArray[Any]:
-            room = len(data) - record.itemsize + 1
-            taken: NDArray[Any] = np.ndarray((room,), dtype, data, offset=at, strides=(1,))[offsets]
-            return taken
-
-        length_at = record.fields["length"][1]  # type: ignore[index]
-        intact = field(length_at, "<u8") == record.itemsize - _HEAD.size
-        values = np.empty((len(columns), len(offsets)))
-        starts = MESSAGE_HEAD_BYTES + FIELD_BYTES * np.arange(signals)
-        for tag, start in zip(tags(signals), starts.tolist(), strict=True):
-            intact &= field(start, "u1") == tag
-        for row, column in enumerate(columns):
-            values[row] = field(int(starts[column]) + 1, "<f8")
-        if not intact.all():
-            raise self._damaged("samples are not in the layout of cls-bench")
-        return values
+    # --- chunks ------------------------------------------------------------------------------------------------------
 
     def _damaged(self, what: str) -> InputError:
-        return InputError(f"{self.path} is damaged: {what}")
+        return InputError(f"{self.path}: damaged: {what}")
 
-    def _load(self, file: IO[bytes], chunk: _Chunk) -> bytes:
-        """The uncompressed records of a chunk."""
-        file.seek(chunk.offset)
-        try:
-            data = zstandard.decompress(file.read(chunk.length), max_output_size=chunk.size)
-        except zstandard.ZstdError:
-            raise self._damaged(f"chunk at {chunk.start_ns / 1e9:.4f} s cannot be decompressed") from None
-        if zlib.crc32(data) != chunk.crc:
-            raise self._damaged(f"checksum of the chunk at {chunk.start_ns / 1e9:.4f} s")
-        return data
-
-    def _index(self, file: IO[bytes], chunk: _Chunk, channel: int) -> Index:
-        """Times and offsets of a channel's messages in a chunk."""
-        if channel in chunk.indexes:
-            offset, length = chunk.indexes[channel]
-            file.seek(offset)
-            return np.frombuffer(file.read(length), "<u8").reshape(-1, 2)
-        if chunk.indexed:
-            return np.zeros((0, 2), "<u8")
-        return _walk(self._load(file, chunk), channel)
-
-    def _scan(self, file: IO[bytes]) -> None:
-        """Note what lies where, up to the footer or the last complete record."""
-        end = file.seek(0, 2)
-        at = len(MCAP0_MAGIC)
-        schemas: dict[int, Schema] = {}
-        while at + _HEAD.size <= end:
-            file.seek(at)
-            head = file.read(_HEAD_BYTES)
-            opcode, length = _HEAD.unpack_from(head)
-            body = at + _HEAD.size
-            if body + length > end:
+    def _warn(self, line: str) -> None:
+        with self._lock:
+            if line in self._said:
                 return
-            if opcode not in (Opcode.CHUNK, Opcode.MESSAGE_INDEX) and self._chunks:
-                self._chunks[-1].indexed = True
-            match opcode:
-                case Opcode.SCHEMA:
-                    schema = self._parse(Schema.read, file, body, length)
-                    schemas[schema.id] = schema
-                case Opcode.CHANNEL:
-                    self._add_channel(self._parse(Channel.read, file, body, length), schemas)
-                case Opcode.METADATA:
-                    metadata = self._parse(Metadata.read, file, body, length)
-                    self._metadata[metadata.name] = metadata.metadata
-                case Opcode.ATTACHMENT:
-                    attachment = self._parse(Attachment.read, file, body, length)
-                    self.attachments[attachment.name] = attachment.data
-                case Opcode.CHUNK:
-                    self._add_chunk(head, body)
-                case Opcode.MESSAGE_INDEX if self._chunks:
-                    channel, entries = struct.unpack_from("<HI", head, _HEAD.size)
-                    self._chunks[-1].indexes[channel] = (body + 6, entries)
-                case Opcode.DATA_END | Opcode.FOOTER:  # the summary repeats what is known by now
-                    self.truncated = not _ends_well(file, end)
-                    return
-                case 0:  # no opcode: zeros that a crash left behind
-                    return
-            at = body + length
+            self._said.add(line)
+        warnings.warn(f"{self.path}: {printable(line, LONGEST_TEXT)}", RecordingWarning, stacklevel=4)
 
-    def _parse(self, read: Callable[[ReadDataStream], _Record], file: IO[bytes], body: int, length: int) -> _Record:
-        file.seek(body)
+    def _warn_of_lost_chunks(self) -> None:
+        for chunk in self._chunks:
+            if chunk.lost and chunk.start_ns == UNKNOWN_NS:
+                self._warn(f"a chunk is lost: {chunk.lost}")
+            elif chunk.lost:
+                start, end = chunk.start_ns / 1e9, (chunk.end_ns + TICK_NS) / 1e9
+                self._warn(f"the chunk from {start:g} to {end:g} s is lost: {chunk.lost}")
+
+    def _chosen(self, start_ns: int, end_ns: int | None) -> list[Chunk]:
+        """The chunks that can be read and may hold messages of that time."""
+        return [
+            chunk for chunk in self._chunks
+            if not chunk.lost and chunk.channels != frozenset()
+            and chunk.end_ns >= start_ns and (end_ns is None or chunk.start_ns < end_ns)
+        ]  # fmt: skip
+
+    def _each_chunk(self, chunks: Sequence[Chunk], take: Callable[[Messages], _T]) -> list[_T]:
+        """``take`` of each of ``chunks`` that is not damaged."""
+
+        def taken_from(chunk: Chunk) -> list[_T]:
+            with self._file.open() as file:
+                try:
+                    return [take(self._file.load(file, chunk))]
+                except DamagedError as error:
+                    chunk.lost = str(error)
+                    return []
+
+        with ThreadPoolExecutor(READERS) as pool:  # unpacking, checksum and copying release the interpreter
+            found = [part for parts in pool.map(taken_from, chunks) for part in parts]
+        self._warn_of_lost_chunks()
+        return found
+
+    def _cached(self, file: IO[bytes], cache: dict[int, Messages], chunks: Sequence[Chunk]) -> list[Messages]:
+        """The messages of ``chunks``; those that fit are kept in ``cache`` for the next call, all others dropped."""
+        for key in cache.keys() - {id(chunk) for chunk in chunks}:
+            del cache[key]
+        found = []
+        for chunk in chunks:
+            messages = cache.get(id(chunk))
+            if messages is None:
+                try:
+                    messages = self._file.load(file, chunk)
+                except DamagedError:
+                    continue
+                if sum(len(other.data) for other in cache.values()) < CACHE_BYTES:
+                    cache[id(chunk)] = messages
+            found.append(messages)
+        self._warn_of_lost_chunks()
+        return found
+
+    def _payloads(self, topic: str) -> Iterator[tuple[int, int, bytes]]:
+        """Time [ns], sequence number and data of the messages of a topic that is no topic of signals."""
+        channels = self._others.get(topic, ())
+        with self._file.open() as file:
+            for chunk in self._chunks if channels else ():
+                if chunk.lost or (chunk.channels is not None and chunk.channels.isdisjoint(channels)):
+                    continue
+                try:
+                    messages = self._file.load(file, chunk)
+                except DamagedError:
+                    continue
+                for channel in channels:
+                    yield from messages.payloads(channel)
+        self._warn_of_lost_chunks()
+
+    # --- samples -----------------------------------------------------------------------------------------------------
+
+    def _read(self, wanted: Sequence[_Wanted], start: float | None, end: float | None) -> list[Series]:
+        """Samples of all of ``wanted``, in one pass over the chunks."""
+        start_ns, end_ns = _span(start, end)
+        found = self._each_chunk(
+            self._chosen(start_ns, end_ns),
+            lambda messages: [self._part(messages, part, start_ns, end_ns) for part in wanted],
+        )
+        series = []
+        for number, part in enumerate(wanted):
+            times, values = self._joined(part.topic.path, [chunk[number] for chunk in found], len(part.names))
+            series.append(Series(times / 1e9, dict(zip(part.names, values, strict=True))))
+        return series
+
+    def _joined(self, topic: str, parts: Sequence[_Part], signals: int = 0) -> _Part:
+        """The parts in order of time. InputError if there are two samples of one time."""
+        times = np.concatenate([np.zeros(0, np.uint64), *(part[0] for part in parts)])
+        values = np.concatenate([part[1] for part in parts], axis=1) if parts else np.zeros((signals, 0))
+        if not (times[1:] > times[:-1]).all():
+            order = np.argsort(times, kind="stable")
+            times, values = times[order], values[:, order]
+            twice = np.flatnonzero(times[1:] == times[:-1])
+            if len(twice):
+                raise self._damaged(f"there are two samples of {topic} at {times[twice[0]] / 1e9:g} s")
+        return times, values
+
+    def _part(self, messages: Messages, wanted: _Wanted, start_ns: int, end_ns: int | None) -> _Part:
+        """Times and samples of ``wanted`` in a chunk. Raises DamagedError."""
+        topic = wanted.topic
+        parts: list[_Part] = []
+        for channel in self._samples[topic.path]:
+            index = messages.of(channel.id)
+            times = index[:, 0]
+            if len(times) and (times % np.uint64(topic.ticks * TICK_NS)).any():
+                raise DamagedError(f"it has samples of {topic.path} at times at which there are none")
+            if len(times) and not (start_ns <= times[0] and (end_ns is None or times[-1] < end_ns) and _rise(times)):
+                index = index[(times >= start_ns) & (True if end_ns is None else times < np.uint64(end_ns))]
+            if wanted.every > 1:
+                index = index[index[:, 0] % np.uint64(wanted.every * topic.ticks * TICK_NS) == 0]
+            if not len(index):
+                continue
+            rows = {number: wanted.names.index(name) for number, name in channel.fields.items() if name in wanted.names}
+            values = decode(messages.data, index[:, 1], rows, len(wanted.names))
+            if values is None:
+                raise DamagedError(f"its samples of {topic.path} cannot be read")
+            parts.append((index[:, 0], values))
+        if len(parts) == 1:
+            return parts[0]
+        return self._joined(topic.path, parts, len(wanted.names))
+
+    # --- poses -------------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def _body_names(self) -> tuple[str, ...]:
+        """The bodies, world first."""
+        first = next((payload for _, _, payload in self._payloads(TRANSFORMS_TOPIC)), b"")
         try:
-            return read(ReadDataStream(BytesIO(file.read(length))))
-        except (McapError, struct.error, UnicodeDecodeError):
-            raise self._damaged(f"record at byte {body}") from None
+            names = foxglove.parse_body_names(first) if first else (foxglove.WORLD,)
+        except DecodeError:
+            raise self._damaged("the poses of the bodies cannot be read") from None
+        names = tuple(printable(name, 100) for name in names)
+        if len(set(names)) < len(names) or len(names) > foxglove.MOST_BODIES:
+            raise self._damaged(f"the poses are not those of a bench: {len(names)} bodies")
+        return names
 
-    def _add_channel(self, channel: Channel, schemas: Mapping[int, Schema]) -> None:
-        self._channels[channel.topic] = channel.id
-        if "ticks" not in channel.metadata:
-            return
-        names = foxglove.field_names(schemas[channel.schema_id].data)
-        about = channel.metadata
-        signals = tuple(Signal(name, about[f"{name}.unit"], about[f"{name}.meaning"]) for name in names)
-        self.topics[channel.topic] = Topic(channel.topic, int(about["ticks"]), about["meaning"], signals)
-
-    def _add_chunk(self, head: bytes, body: int) -> None:
-        if self._chunks:
-            self._chunks[-1].indexed = True
-        start_ns, end_ns, size, crc, name_length = _CHUNK_HEAD.unpack_from(head, _HEAD.size)
-        at = _HEAD.size + _CHUNK_HEAD.size
-        if head[at : at + name_length] != b"zstd":
-            raise self._damaged("a chunk is not compressed with zstd")
-        (length,) = struct.unpack_from("<Q", head, at + name_length)
-        self._chunks.append(_Chunk(body + at - _HEAD.size + name_length + 8, length, start_ns, end_ns, size, crc))
-
-
-def _payload(data: bytes, offset: int) -> bytes:
-    """Data of the Message record at ``offset`` of an uncompressed chunk."""
-    _, length = _HEAD.unpack_from(data, offset)
-    return data[offset + MESSAGE_HEAD_BYTES : offset + _HEAD.size + length]
+    def _poses_in(self, found: Iterable[Messages], start_ns: int, end_ns: int | None) -> tuple[Times, Poses]:
+        """Times [ns] and poses in chunks, in order of time."""
+        rows: list[tuple[int, list[list[float]]]] = []
+        for messages in found:
+            for channel in self._others.get(TRANSFORMS_TOPIC, ()):
+                for time, _, payload in messages.payloads(channel, start_ns, end_ns):
+                    try:
+                        poses = foxglove.parse_transforms(payload)
+                    except DecodeError:
+                        poses = []
+                    if len(poses) != len(self._body_names):
+                        raise self._damaged(f"the poses at {time / 1e9:g} s cannot be read")
+                    rows.append((time, poses))
+        rows.sort(key=lambda row: row[0])
+        times = np.array([time for time, _ in rows], np.uint64)
+        return times, np.array([poses for _, poses in rows], np.float64).reshape(len(rows), len(self._body_names), 7)
 
 
-def _ends_well(file: IO[bytes], end: int) -> bool:
-    file.seek(end - len(MCAP0_MAGIC))
-    return file.read() == MCAP0_MAGIC
+def _span(start: float | None, end: float | None) -> tuple[int, int | None]:
+    """First time and time behind the last [ns]."""
+    return 0 if start is None else _next_tick(start) * TICK_NS, None if end is None else _next_tick(end) * TICK_NS
 
 
 def _next_tick(time: float) -> int:
     """First tick at or after ``time`` [s], forgiving the rounding of decimal fractions."""
-    return int(np.ceil(round(time * 1e9 / TICK_NS, 6)))
+    return max(int(np.ceil(round(time * 1e9 / TICK_NS, 6))), 0)
 
 
-def _walk(data: bytes, channel: int) -> Index:
-    """The index of a channel's messages, from the records themselves."""
-    return np.array([entry for entry in _messages(data, channel)], "<u8").reshape(-1, 2)
+def _rise(times: Times) -> bool:
+    return bool((times[1:] > times[:-1]).all())
 
 
-def _messages(data: bytes, channel: int) -> Iterator[tuple[int, int]]:
-    at = 0
-    while at < len(data):
-        opcode, length = _HEAD.unpack_from(data, at)
-        if opcode == Opcode.MESSAGE:
-            found, _, time = struct.unpack_from("<HIQ", data, at + _HEAD.size)
-            if found == channel:
-                yield time, at
-        at += _HEAD.size + length
+# --- blocks ----------------------------------------------------------------------------------------------------------
+
+
+def _pieces(chunks: Sequence[Chunk]) -> Iterator[tuple[int, int]]:
+    """Stretches of time [ns] in which chunks lie: each of its own, or where several overlap, pieces of a second."""
+    k = 0
+    while k < len(chunks):
+        start, end, first = chunks[k].start_ns, chunks[k].end_ns, k
+        while k + 1 < len(chunks) and chunks[k + 1].start_ns <= end:
+            k += 1
+            end = max(end, chunks[k].end_ns)
+        k += 1
+        if k - first == 1:
+            yield start, end + 1
+            continue
+        step = max(PIECE_NS, -(-(end - start) // 1000 // PIECE_NS) * PIECE_NS)
+        for piece in range(start // step * step, end + 1, step):
+            yield max(piece, start), min(piece + step, end + 1)
+
+
+def _blocks(
+    topics: Mapping[str, Topic], parts: Mapping[str, _Part], poses: tuple[Times, Poses], bodies: int,
+    events: Sequence[Event],
+) -> Iterator[Block]:  # fmt: skip
+    """Blocks of the stretches of ``parts`` in which no sample of the fastest topic is missing."""
+    recorded = [topics[path] for path, (times, _) in parts.items() if len(times)]
+    if not recorded:
+        return
+    fastest = min(recorded, key=lambda topic: topic.ticks)
+    ticks = (parts[fastest.path][0] // np.uint64(TICK_NS)).astype(np.int64)
+    for stretch in np.split(ticks, np.flatnonzero(np.diff(ticks) != fastest.ticks) + 1):
+        first, count = int(stretch[0]), int(stretch[-1]) + fastest.ticks - int(stretch[0])
+        signals = {known.path: _rows(known, topics, parts, first, count) for known in TOPICS}
+        pose_ticks = np.arange(-(-first // POSE_TICKS) * POSE_TICKS, first + count, POSE_TICKS, dtype=np.int64)
+        placed = np.full((len(pose_ticks), bodies, 7), np.nan)
+        have = (poses[0] // np.uint64(TICK_NS)).astype(np.int64)
+        _, ours, theirs = np.intersect1d(pose_ticks, have, return_indices=True)
+        placed[ours] = poses[1][theirs]
+        inside = tuple(event for event in events if first <= event.tick < first + count)
+        yield Block(first, count, signals, placed, inside)
+
+
+def _rows(known: Topic, topics: Mapping[str, Topic], parts: Mapping[str, _Part], first: int, count: int) -> Array:
+    """Samples of a known topic at its ticks from ``first`` on, shape (rows, signals); NaN where there are none."""
+    wanted = np.arange(-(-first // known.ticks) * known.ticks, first + count, known.ticks, dtype=np.int64)
+    rows = np.full((len(wanted), len(known.signals)), np.nan)
+    topic = topics.get(known.path)
+    if topic is None:
+        return rows
+    times, values = parts[known.path]
+    ticks = (times // np.uint64(TICK_NS)).astype(np.int64)
+    low, high = np.searchsorted(ticks, (first, first + count))
+    if topic.names == known.names and np.array_equal(ticks[low:high], wanted):
+        return values[:, low:high].T
+    place = np.searchsorted(ticks, wanted, side="right") - 1
+    there = (place >= 0) & (wanted - ticks[np.maximum(place, 0)] < topic.ticks) if len(ticks) else place >= 0
+    for column, name in enumerate(known.names):
+        if name in topic.names:
+            rows[there, column] = values[topic.names.index(name), place[there]]
+    return rows

@@ -4,15 +4,18 @@ The mcap library writes a Python object per message, which takes longer than sim
 records come from numpy (:mod:`cls_bench.recording.layout`), a chunk for each block; all else is made of the library's
 own record classes. The same run gives the same bytes, but for the metadata records with the wall
 clock.
+
+The file grows by whole chunks, each handed to the system at once: what ends a run, be it ``kill -9`` or a full disk,
+costs the chunk that was under way.
 """
 
 import itertools
 import json
 import struct
 import zlib
-from collections.abc import Iterable
-from contextlib import suppress
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import zstandard
@@ -41,8 +44,10 @@ from mcap.records import (
 from mcap.writer import MCAP0_MAGIC
 
 from cls_bench.recording import foxglove
-from cls_bench.recording.layout import CHANNEL_IDS, Index, Samples
+from cls_bench.recording.growing_file import GrowingFile
+from cls_bench.recording.layout import Index, Samples
 from cls_bench.recording.run_info import RunInfo
+from cls_bench.recording.seal import SEAL_KEY, SEAL_METADATA, seal_of
 from cls_bench.signals import EVENTS_TOPIC, POSE_TICKS, TICK_NS, TOPICS, Block, Topic
 
 TRANSFORMS_TOPIC = "/tf"
@@ -58,24 +63,26 @@ WALL_CLOCK_END_METADATA = "wall_clock_end"
 """Metadata record with the wall-clock time of the end."""
 
 RESULT_METADATA = "result"
-"""Closing metadata record; missing if the run was killed."""
+"""Closing metadata record, missing if the run was killed: ``status`` says how the run ended, ``verdict`` how it was
+judged, ``checks`` is a JSON object of what was measured, ``ticks`` how far the run went."""
 
 SCENARIO_ATTACHMENT = "scenario.toml"
 PARAMETERS_ATTACHMENT = "parameters.json"
-
-_EVENTS_ID = len(TOPICS) + 1
-_TRANSFORMS_ID = len(TOPICS) + 2
-_SCENE_ID = len(TOPICS) + 3
 
 
 class McapRecorder:
     """An MCAP file that grows by one chunk with every block and is readable up to the last of them.
 
-    Raises :class:`OSError` when the file cannot be created or written.
+    Of ``topics``, made of those of :data:`cls_bench.signals.TOPICS`, the signals and ticks they have are recorded;
+    without ``poses`` neither the bodies' shapes nor their motion. Raises :class:`OSError` when the file cannot be
+    created or written.
     """
 
-    def __init__(self, path: Path, info: RunInfo):
-        self._schemas, self._channels = _schemas_and_channels()
+    def __init__(self, path: Path, info: RunInfo, *, topics: Sequence[Topic] = TOPICS, poses: bool = True):
+        self._topics = tuple(topics)
+        self._has_poses = poses
+        self._events_id, self._transforms_id, self._scene_id = (len(self._topics) + number for number in (1, 2, 3))
+        self._schemas, self._channels = self._schemas_and_channels()
         self._attachments: list[McapRecord] = []
         self._metadata: list[McapRecord] = []
         self._chunks: list[McapRecord] = []
@@ -84,9 +91,12 @@ class McapRecorder:
         self._compressor = zstandard.ZstdCompressor(level=1)
         self._transforms = foxglove.Transforms(info.body_names)
         self._scene = foxglove.scene(info.body_names, info.geoms)
-        self._file = path.open("wb")
+        self._said: dict[str, dict[str, str]] = {}  # what the seal covers
+        self._attached: dict[str, bytes] = {}
+        self._ticks = 0
+        self._offset = 0
+        self._file = GrowingFile(path)
         try:
-            self._offset = 0
             self._write(MCAP0_MAGIC)
             self._write_records(Header(profile="", library="cls-bench"), *self._schemas, *self._channels)
             self._write_metadata(RUN_METADATA, {"scenario": info.scenario_name, **info.metadata})
@@ -97,9 +107,18 @@ class McapRecorder:
             self.close()
             raise
 
+    @property
+    def written_ticks(self) -> int:
+        """How many ticks of the run the file holds, whatever becomes of this process."""
+        return self._ticks
+
     def write(self, block: Block) -> None:
         """Append ``block`` as a chunk and flush. Raises :class:`OSError` when the file cannot be written."""
-        samples = Samples(block)
+        self._append(block)
+        self._ticks = block.end_tick
+
+    def _append(self, block: Block) -> None:
+        samples = Samples(self._topics, block)
         data, indexes = _insert(samples, self._extras(block))
         indexes = {channel: index for channel, index in sorted(indexes.items()) if len(index)}
         if not indexes:
@@ -137,35 +156,44 @@ class McapRecorder:
             )
         )
 
-    def finish(self, status: str, wall_end: str = "") -> None:
+    def finish(
+        self, status: str, wall_end: str = "", *, verdict: str = "", checks: Mapping[str, float | None] | None = None
+    ) -> None:
         """Write ``status``, the summary and the footer, and close the file. Raises :class:`OSError`.
 
-        ``wall_end`` is the wall-clock time, ISO 8601; recorded if given.
+        ``wall_end`` is the wall-clock time, ISO 8601; recorded if given. ``verdict``, the status if left out, and
+        ``checks`` are what the run was found to be; what it says of itself is sealed.
         """
         try:
             if wall_end:
                 self._write_metadata(WALL_CLOCK_END_METADATA, {"end": wall_end})
-            self._write_metadata(RESULT_METADATA, {"status": status})
+            found = json.dumps(checks or {}, ensure_ascii=False, allow_nan=False)
+            ticks = str(self._ticks)
+            self._write_metadata(
+                RESULT_METADATA, {"status": status, "verdict": verdict or status, "checks": found, "ticks": ticks}
+            )
+            self._write_metadata(SEAL_METADATA, {SEAL_KEY: seal_of(self._said, self._attached)})
             self._write_records(DataEnd(data_section_crc=0))
             self._write(self._summary(self._offset))
             self._write(MCAP0_MAGIC)
             self._file.flush()
+            self._file.check_place()
         finally:
             self.close()
 
     def close(self) -> None:
-        """Close the file as it is, without a summary; what was written stays readable. Never raises OSError."""
-        with suppress(OSError):  # a full disk shows again when the last buffer is flushed
-            self._file.close()
+        """Close the file as it is, without a summary; what was written stays readable."""
+        self._file.close()
 
     def _extras(self, block: Block) -> list[Message]:
         """The messages of a block that are no samples, sorted by time."""
         found: list[tuple[int, int, bytes]] = []
-        if not self._counts[_SCENE_ID]:
-            found.append((block.first_tick, _SCENE_ID, self._scene))
-        found += ((event.tick, _EVENTS_ID, foxglove.log(event)) for event in block.events)
-        for tick, poses in zip(block.row_ticks(POSE_TICKS).tolist(), block.poses, strict=True):
-            found.append((tick, _TRANSFORMS_ID, self._transforms(tick, poses)))
+        found += ((event.tick, self._events_id, foxglove.log(event)) for event in block.events)
+        if self._has_poses:
+            if not self._counts[self._scene_id]:
+                found.insert(0, (block.first_tick, self._scene_id, self._scene))
+            for tick, poses in zip(block.row_ticks(POSE_TICKS).tolist(), block.poses, strict=True):
+                found.append((tick, self._transforms_id, self._transforms(tick, poses)))
         found.sort(key=lambda entry: entry[0])
         numbers = {channel: itertools.count(count) for channel, count in self._counts.items()}
         return [
@@ -179,6 +207,27 @@ class McapRecorder:
             for tick, channel, data in found
         ]
 
+    def _schemas_and_channels(self) -> tuple[list[McapRecord], list[Channel]]:
+        schemas: list[McapRecord] = []
+        channels: list[Channel] = []
+
+        def add(topic: str, name: str, schema: bytes, metadata: dict[str, str]) -> None:
+            number = len(schemas) + 1
+            schemas.append(Schema(id=number, name=name, encoding="protobuf", data=schema))
+            channels.append(
+                Channel(id=number, topic=topic, message_encoding="protobuf", schema_id=number, metadata=metadata)
+            )
+
+        for topic in self._topics:
+            add(topic.path, foxglove.message_name(topic), foxglove.topic_schema(topic), _topic_metadata(topic))
+        others: list[tuple[str, Any, str]] = [(EVENTS_TOPIC, Log, "What happened during the run.")]
+        if self._has_poses:
+            others.append((TRANSFORMS_TOPIC, FrameTransforms, "Poses of the bodies in the world."))
+            others.append((SCENE_TOPIC, SceneUpdate, "Shapes of the bodies, once."))
+        for path, message, meaning in others:
+            add(path, message.DESCRIPTOR.full_name, foxglove.library_schema(message), {"meaning": meaning})
+        return schemas, channels
+
     def _write(self, data: bytes) -> int:
         """Write ``data``; returns the offset at which it starts."""
         at = self._offset
@@ -190,6 +239,8 @@ class McapRecorder:
         return self._write(_serialized(records))
 
     def _write_metadata(self, name: str, metadata: dict[str, str]) -> None:
+        metadata = {_text(key): _text(value) for key, value in metadata.items()}
+        self._said[name] = metadata
         at = self._write_records(Metadata(name=name, metadata=metadata))
         self._metadata.append(MetadataIndex(offset=at, length=self._offset - at, name=name))
 
@@ -202,6 +253,8 @@ class McapRecorder:
             self._write_attachment(name, "application/xml" if xml else "application/octet-stream", content)
 
     def _write_attachment(self, name: str, media_type: str, data: bytes) -> None:
+        name = _text(name)
+        self._attached[name] = data
         attachment = Attachment(create_time=0, log_time=0, name=name, media_type=media_type, data=data)
         at = self._write_records(attachment)
         index = AttachmentIndex(
@@ -251,27 +304,9 @@ class McapRecorder:
         return bytes(summary + struct.pack("<I", zlib.crc32(summary)))
 
 
-def _schemas_and_channels() -> tuple[list[McapRecord], list[Channel]]:
-    schemas: list[McapRecord] = []
-    channels: list[Channel] = []
-
-    def add(number: int, topic: str, name: str, schema: bytes, metadata: dict[str, str]) -> None:
-        schemas.append(Schema(id=number, name=name, encoding="protobuf", data=schema))
-        channels.append(
-            Channel(id=number, topic=topic, message_encoding="protobuf", schema_id=number, metadata=metadata)
-        )
-
-    for topic in TOPICS:
-        schema = foxglove.topic_schema(topic)
-        add(CHANNEL_IDS[topic.path], topic.path, foxglove.message_name(topic), schema, _topic_metadata(topic))
-    for number, path, message, meaning in (
-        (_EVENTS_ID, EVENTS_TOPIC, Log, "What happened during the run."),
-        (_TRANSFORMS_ID, TRANSFORMS_TOPIC, FrameTransforms, "Poses of the bodies in the world."),
-        (_SCENE_ID, SCENE_TOPIC, SceneUpdate, "Shapes of the bodies, once."),
-    ):
-        schema = foxglove.library_schema(message)
-        add(number, path, message.DESCRIPTOR.full_name, schema, {"meaning": meaning})
-    return schemas, channels
+def _text(text: str) -> str:
+    """``text`` with escapes for what UTF-8 cannot hold: a file's name can be any bytes."""
+    return text.encode(errors="backslashreplace").decode()
 
 
 def _topic_metadata(topic: Topic) -> dict[str, str]:

@@ -4,81 +4,118 @@ import contextlib
 import datetime as dt
 import queue
 import threading
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Protocol, Self
 
+from cls_bench.claims import cannot_write, remove, remove_empty
 from cls_bench.errors import OutputError
 from cls_bench.recording.mcap_writer import McapRecorder
 from cls_bench.recording.run_info import RunInfo
-from cls_bench.signals import Block
+from cls_bench.signals import TICK_S, TOPICS, Block, Topic
 
 QUEUE_BLOCKS = 2
 """Blocks that may wait to be encoded; then :meth:`Recorder.write` waits too, so that memory does not grow."""
+
+VIEW_QUEUE_BLOCKS = 10
+"""Blocks that may wait for the .rrd: a while longer, so that it does not hold up the recording of record."""
+
+STALL_S = 15.0
+"""The .rrd is given up when it has taken nothing for so long [s]."""
 
 INTERRUPTED = "interrupted"
 COMPLETE = "complete"
 
 
 class _Writer(Protocol):
+    @property
+    def written_ticks(self) -> int: ...
+
     def write(self, block: Block) -> None: ...
 
-    def finish(self, status: str) -> None: ...
+    def finish(self, status: str, wall_end: str, *, verdict: str, checks: Mapping[str, float | None]) -> None: ...
 
     def close(self) -> None: ...
 
 
 class Recorder:
-    """Writes ``stem.mcap`` and, if asked, ``stem.rrd`` in one background thread.
+    """Writes ``stem.mcap`` and, if asked, ``stem.rrd``, each in a background thread of its own.
 
-    The compiled simulation releases the interpreter, so encoding costs it nothing while a second core is free. When a
-    file cannot be written, the next :meth:`write` or :meth:`finish` raises :class:`OutputError`; what was written
-    until then stays readable.
+    The compiled simulation releases the interpreter, so encoding costs it nothing while a second core is free. When the
+    .mcap cannot be written, the next :meth:`write` or :meth:`flush` raises :class:`OutputError`. The .rrd is a view of
+    it: when that fails the run goes on, and :meth:`finish` raises when the .mcap is complete. What was written until
+    then stays readable.
 
     As a context manager it finishes the files on leaving, if :meth:`finish` was not called: as ``"complete"``, or as
-    ``"interrupted"`` when an exception (Ctrl-C) passes through.
+    ``"interrupted"`` when an exception (Ctrl-C) passes through. ``topics`` and ``poses`` as for :class:`McapRecorder`.
     """
 
-    def __init__(self, stem: Path, info: RunInfo, *, rerun: bool = True):
+    def __init__(
+        self, stem: Path, info: RunInfo, *, rerun: bool = True, topics: Sequence[Topic] = TOPICS, poses: bool = True
+    ):
         self.mcap_path = stem.with_name(f"{stem.name}.mcap")
         self.rrd_path = stem.with_name(f"{stem.name}.rrd") if rerun else None
-        self._writers: list[tuple[Path, _Writer]] = []
-        self._queue: queue.Queue[Block | str] = queue.Queue(QUEUE_BLOCKS)
-        self._error: Exception | None = None
-        self._finishing = False
+        mcap: McapRecorder | None = None
         try:
             with _naming(stem.parent):
                 stem.parent.mkdir(parents=True, exist_ok=True)
             with _naming(self.mcap_path):
-                self._writers.append((self.mcap_path, McapRecorder(self.mcap_path, info)))
+                mcap = McapRecorder(self.mcap_path, info, topics=topics, poses=poses)
             if self.rrd_path is not None:
                 from cls_bench.recording.rerun_writer import RerunRecorder
 
                 with _naming(self.rrd_path):
-                    self._writers.append((self.rrd_path, RerunRecorder(self.rrd_path, info)))
+                    rrd = RerunRecorder(self.rrd_path, info, topics=topics, poses=poses)
         except BaseException:
-            for _, writer in self._writers:
-                writer.close()
+            if mcap is not None:
+                mcap.close()
+                remove(self.mcap_path)
+            remove_empty(*(path for path in (self.mcap_path, self.rrd_path) if path is not None))
             raise
-        self._thread = threading.Thread(target=self._encode, name="recorder", daemon=True)
-        self._thread.start()
+        self._mcap = _Lane(self.mcap_path, mcap, QUEUE_BLOCKS)
+        self._lanes = [self._mcap]
+        if self.rrd_path is not None:
+            self._lanes.append(_Lane(self.rrd_path, rrd, VIEW_QUEUE_BLOCKS, patience=STALL_S))
+
+    @property
+    def written_s(self) -> float:
+        """Simulated time [s] up to which the files hold the run, whatever becomes of this process."""
+        return min(lane.written_ticks for lane in self._lanes if lane is self._mcap or lane.error is None) * TICK_S
 
     def write(self, block: Block) -> None:
-        """Hand over ``block``; waits while two others are waiting. Raises :class:`OutputError`."""
-        self._raise()
-        self._queue.put(block)
+        """Hand over ``block``; waits while others are waiting. Raises :class:`OutputError`."""
+        self._mcap.check()
+        for lane in self._lanes:
+            lane.put(lambda writer: writer.write(block))
 
-    def finish(self, status: str) -> None:
-        """Write what waits, ``status`` and the ends of the files, and wait for it. Raises :class:`OutputError`.
+    def flush(self) -> None:
+        """Wait until the .mcap holds all that was handed over. Raises :class:`OutputError`."""
+        done = threading.Event()
+        self._mcap.put(lambda writer: done.set())
+        while not done.wait(0.2):
+            self._mcap.check()  # a writer that failed carries out nothing
+        self._mcap.check()
 
-        Does nothing the second time, unless the first was interrupted while waiting.
+    def finish(self, status: str, verdict: str = "", checks: Mapping[str, float | None] | None = None) -> None:
+        """Write what waits, how it ended and the ends of the files, and wait for it. Raises :class:`OutputError`.
+
+        ``verdict`` and ``checks`` as for :meth:`McapRecorder.finish`. Only the first call counts; another one waits, if
+        the first was interrupted while waiting.
         """
-        if not self._finishing:
-            self._queue.put(status)
-            self._finishing = True
-        self._thread.join()
-        self._raise()
+        end, found = now(), checks or {}
+        for lane in self._lanes:
+            lane.end(lambda writer: writer.finish(status, end, verdict=verdict, checks=found))
+        for lane in self._lanes:
+            lane.join()
+        errors = [lane.error for lane in self._lanes if lane.error is not None]
+        if len(errors) > 1 and all(isinstance(error, OutputError) for error in errors):
+            raise OutputError("; ".join(map(str, errors)))
+        if errors == [self._mcap.error]:
+            raise errors[0]
+        if errors:
+            raise OutputError(f"{errors[0]}; {self.mcap_path.name} is complete")
 
     def __enter__(self) -> Self:
         return self
@@ -87,39 +124,80 @@ class Recorder:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if error is None:
-            if not self._finishing:
+            if not self._mcap.ended:
                 self.finish(COMPLETE)
             return
-        with contextlib.suppress(OutputError):  # the exception on its way says what matters
+        with contextlib.suppress(Exception):  # the exception on its way says what matters
             self.finish(INTERRUPTED)
 
-    def _raise(self) -> None:
-        """Raise the thread's error in the caller's thread, once."""
-        error, self._error = self._error, None
-        if error is not None:
-            raise error
 
-    def _encode(self) -> None:
-        """The thread: writes blocks until a status comes."""
-        while not isinstance(item := self._queue.get(), str):
-            self._pass_on(item)
-        self._pass_on(item)
+class _Lane:
+    """A writer in a thread of its own, with a queue of what it is to do.
 
-    def _pass_on(self, item: Block | str) -> None:
-        """Give each writer a block or the status; one that fails is closed and left out, the other carries on."""
-        for path, writer in tuple(self._writers):
-            try:
-                with _naming(path):
-                    if isinstance(item, str) and isinstance(writer, McapRecorder):
-                        writer.finish(item, wall_end=now())
-                    elif isinstance(item, str):
-                        writer.finish(item)
-                    else:
-                        writer.write(item)
-            except Exception as error:  # whatever it is, it belongs into the caller's thread
-                self._error = self._error or error
-                self._writers.remove((path, writer))
-                writer.close()
+    A writer that fails is closed, and all that follows is dropped. One with ``patience`` [s] is given up when it takes
+    nothing for so long; its thread is left behind.
+    """
+
+    def __init__(self, path: Path, writer: _Writer, room: int, patience: float | None = None):
+        self.error: Exception | None = None
+        self.ended = False
+        """whether the last order was given"""
+        self._path = path
+        self._writer = writer
+        self._patience = patience
+        self._queue: queue.Queue[Callable[[_Writer], None] | None] = queue.Queue(room)
+        self._busy_since: float | None = None
+        self._thread = threading.Thread(target=self._run, name=f"recorder of {path.suffix}", daemon=True)
+        self._thread.start()
+
+    @property
+    def written_ticks(self) -> int:
+        """How many ticks of the run the file holds."""
+        return self._writer.written_ticks
+
+    def check(self) -> None:
+        """Raise what went wrong."""
+        if self.error is not None:
+            raise self.error
+
+    def put(self, order: Callable[[_Writer], None] | None) -> None:
+        """Have the thread carry out ``order``, or end for None; waits while its queue is full."""
+        while not self._given_up():
+            with contextlib.suppress(queue.Full):
+                self._queue.put(order, timeout=self._patience and 0.2)
+                return
+
+    def end(self, order: Callable[[_Writer], None]) -> None:
+        """Have the thread carry out ``order`` and end; only the first call counts."""
+        if not self.ended:
+            self.put(order)
+            self.put(None)
+            self.ended = True
+
+    def join(self) -> None:
+        """Wait until the thread has ended, or is given up."""
+        while self._thread.is_alive() and not self._given_up():
+            self._thread.join(self._patience and 0.2)
+
+    def _given_up(self) -> bool:
+        """Whether the writer has been at one order for longer than anyone waits."""
+        since = self._busy_since
+        if self._patience is None or since is None or time.monotonic() - since < self._patience:
+            return False
+        self.error = self.error or OutputError(f"cannot write {self._path}: it took nothing for {self._patience:g} s")
+        return True
+
+    def _run(self) -> None:
+        while (order := self._queue.get()) is not None:
+            self._busy_since = time.monotonic()
+            if self.error is None:
+                try:
+                    with _naming(self._path):
+                        order(self._writer)
+                except Exception as error:  # whatever it is, it belongs into the caller's thread
+                    self.error = error
+                    self._writer.close()
+            self._busy_since = None
 
 
 def now() -> str:
@@ -133,4 +211,4 @@ def _naming(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise OutputError(f"cannot write {path}: {error.strerror}") from error
+        raise cannot_write(path, error) from error

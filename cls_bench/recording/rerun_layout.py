@@ -1,6 +1,5 @@
 """What the Rerun viewer shows of a run, and where: curves, lanes and the arrangement of the views."""
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -9,7 +8,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from cls_bench.signals import EVENTS_TOPIC, TOPIC, TOPICS
+from cls_bench.signals import EVENTS_TOPIC
 
 TIMELINE = "sim_time"
 """Timeline of all data: time since the start of the run."""
@@ -48,24 +47,19 @@ DEGREES = 180.0 / np.pi
 RPM = 30.0 / np.pi
 
 
+Curve = tuple[str, str, str, Color]
+"""Topic, signal, name in the legend, colour."""
+
+
 @dataclass(frozen=True)
 class Plot:
     """A plot of signals from several topics; ``scale`` converts from their SI unit to that of the title."""
 
     entity: str
     title: str
-    curves: tuple[tuple[str, str, str, Color], ...]
-    """topic, signal, name in the legend, colour"""
+    curves: tuple[Curve, ...]
     scale: float = 1.0
 
-    @property
-    def columns(self) -> list[int]:
-        """Columns of the signals among all topics' signals."""
-        return [FIRST_COLUMN[topic] + TOPIC[topic].names.index(signal) for topic, signal, _, _ in self.curves]
-
-
-FIRST_COLUMN = dict(zip(TOPIC, itertools.accumulate((len(topic.signals) for topic in TOPICS), initial=0), strict=False))
-"""Column of each topic's first signal among all topics' signals."""
 
 TORQUE = Plot("/plots/torque", "Torque at the column [N·m]", (
     ("/column", "torque", "pilot [N·m]", PILOT), ("/load_cell", "torque", "load cell [N·m]", MEASURED),

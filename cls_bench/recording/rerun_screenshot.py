@@ -1,15 +1,11 @@
 """A screenshot of the Rerun viewer without a screen: for pictures and tests. Needs a Vulkan driver, such as Mesa's."""
 
-import os
 import re
-import signal
 import socket
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import IO
 
@@ -17,6 +13,7 @@ from rerun.experimental import ViewerClient
 
 from cls_bench.errors import InputError
 from cls_bench.recording.rerun_layout import TIMELINE
+from cls_bench.recording.rerun_process import viewer
 
 SIZE = (1280, 800)
 START_S, SETTLE_S = 60.0, 4.0
@@ -26,23 +23,16 @@ START_S, SETTLE_S = 60.0, 4.0
 def screenshot(files: Sequence[Path], at: float, size: tuple[int, int] = SIZE, settle: float = SETTLE_S) -> bytes:
     """The viewer showing ``files`` at ``at`` [s], as PNG. InputError if it cannot start, as without a driver."""
     port = _free_port()
-    command = [
-        str(Path(sys.executable).with_name("rerun")), "--headless", "--bind", "127.0.0.1", "--port", str(port),
-        "--window-size", f"{size[0]}x{size[1]}", "--hide-welcome-screen", *map(str, files),
+    arguments = [
+        "--headless", "--bind", "127.0.0.1", "--port", str(port), "--window-size", f"{size[0]}x{size[1]}",
+        "--hide-welcome-screen", *map(str, files),
     ]  # fmt: skip
-    with tempfile.TemporaryFile() as log:
-        # A group of its own: the command is a script, and the viewer its child would outlive it.
-        viewer = subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT, start_new_session=True)
-        try:
-            client = _connect(viewer, port, log)
-            time.sleep(settle)
-            client.set_time(TIMELINE, duration=at, play_state="paused")
-            time.sleep(settle)
-            return bytes(client.take_screenshot())
-        finally:
-            with suppress(ProcessLookupError):
-                os.killpg(viewer.pid, signal.SIGKILL)  # it holds nothing that has to be saved
-            viewer.wait()
+    with tempfile.TemporaryFile() as log, viewer(arguments, stdout=log, stderr=subprocess.STDOUT) as process:
+        client = _connect(process, port, log)
+        time.sleep(settle)
+        client.set_time(TIMELINE, duration=at, play_state="paused")
+        time.sleep(settle)
+        return bytes(client.take_screenshot())
 
 
 def _free_port() -> int:
@@ -51,12 +41,12 @@ def _free_port() -> int:
         return int(probe.getsockname()[1])
 
 
-def _connect(viewer: "subprocess.Popen[bytes]", port: int, log: IO[bytes]) -> ViewerClient:
-    """A client of ``viewer`` once it shows a recording."""
+def _connect(process: "subprocess.Popen[bytes]", port: int, log: IO[bytes]) -> ViewerClient:
+    """A client of the viewer once it shows a recording."""
     client: ViewerClient | None = None
     deadline = time.monotonic() + START_S
     while time.monotonic() < deadline:
-        if viewer.poll() is not None:
+        if process.poll() is not None:
             log.seek(0)
             said = re.search(r"panicked at '([^']*)'", log.read().decode(errors="replace"))
             reason = f" ({said[1]})" if said else ""

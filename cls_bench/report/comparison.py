@@ -90,8 +90,11 @@ def overlays(first: RecordedRun, second: RecordedRun, signals: Sequence[str], sp
         below.set_ylabel(f"B − A [{unit}]")
         below.set_xlabel("time [s]")
         figure.align_ylabels()
-        r_m_s = float(np.sqrt(np.mean((b - a) ** 2)))
+        both = ~np.isnan(b - a)
+        r_m_s = float(np.sqrt(np.mean((b - a)[both] ** 2))) if both.any() else math.nan
         caption = f"A and B over each other; below, their difference, {r_m_s:.3g} {unit} r.m.s."
+        if not both.all():
+            caption += f" {np.count_nonzero(~both)} of {rows} samples are missing and left out."
         yield Picture(f"{topic.strip('/')}_{name}", signal, caption, figure)
 
 

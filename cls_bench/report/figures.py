@@ -1,6 +1,7 @@
 """The figures of a run: which ones follows from what the scenario measures, so that they show what is judged."""
 
-from collections.abc import Callable, Iterator, Sequence
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,9 +11,11 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from cls_bench.analysis import free_response, metrics
+from cls_bench.errors import InputError
 from cls_bench.parameters import DEG, Gearbox
 from cls_bench.report.recorded_run import RecordedRun, Span
 from cls_bench.report.style import COLOR, legend, new_figure, new_pair, room_above, thin, thin_path
+from cls_bench.text import printable
 
 Array = NDArray[np.float64]
 
@@ -34,13 +37,33 @@ class Picture:
     """numbers that belong to it, the header first"""
 
 
-def pictures(run: RecordedRun) -> Iterator[Picture]:
-    """The figures of ``run``: those that belong to its checks, then the overview of the whole run."""
+CANNOT_DRAW = (InputError, ValueError, ArithmeticError, IndexError, np.linalg.LinAlgError)
+"""What drawing may raise of samples that are not there or that no bench gives."""
+
+
+def pictures(run: RecordedRun, left_out: list[str] | None = None) -> Iterator[Picture]:
+    """The figures of ``run``: those that belong to its checks, then the overview of the whole run.
+
+    What cannot be drawn, since samples are missing or are none of a bench, is named in ``left_out`` with the reason.
+    """
     for names, signal, draw in _FIGURES:
         spans = run.spans(*names, signal=signal)
         if spans:
-            yield from draw(run, spans)
-    yield overview(run)
+            yield from _drawn(draw, run, spans, [] if left_out is None else left_out)
+    yield from _drawn(lambda run, spans: [overview(run)], run, [], [] if left_out is None else left_out)
+
+
+def _drawn(
+    draw: Callable[[RecordedRun, Sequence[Span]], Iterable[Picture]], run: RecordedRun, spans: Sequence[Span],
+    left_out: list[str],
+) -> list[Picture]:  # fmt: skip
+    try:
+        with np.errstate(all="ignore"):
+            return list(draw(run, spans))
+    except CANNOT_DRAW as error:
+        what = draw.__name__.strip("<>").replace("lambda", "the whole run")
+        left_out.append(f"{what}: {printable(str(error), 300)}")
+        return []
 
 
 # --- torque over displacement ----------------------------------------------------------------------------------------
@@ -187,9 +210,11 @@ def tracking(run: RecordedRun, spans: Sequence[Span]) -> Iterator[Picture]:
             if Span(*c.window) == span and "frequency" in c.arguments
         )
         rows = slice(0, min(len(w.time), int(PERIODS / frequency * w.rate)))
-        lag = 1e-3 * metrics.tracking_lag_ms(w)
+        try:
+            lag = 1e-3 * metrics.tracking_lag_ms(w)
+        except metrics.Unmeasured:
+            lag = math.nan
         time, angle, model = w.time[rows], w["/column.angle"][rows] / DEG, w["/feel.angle"] / DEG
-        late = np.interp(time - lag, w.time, model)
         figure, (ax, error) = new_figure(2, height=5.2, shares=(3, 2))
         ax.plot(*thin(time, model[rows]), color=COLOR["model"], label=run.set_label)
         ax.plot(*thin(time, angle), color=COLOR["measured"], ls=(0, (4, 3)), label="column (measured)")
@@ -197,9 +222,10 @@ def tracking(run: RecordedRun, spans: Sequence[Span]) -> Iterator[Picture]:
         legend(ax, columns=2, place="upper right")
         room_above(ax, 0.15)
         error.plot(*thin(time, angle - model[rows]), color=COLOR["error"], label="column − set")
-        settled = time > time[0] + lag
-        left = thin(time[settled], (angle - late)[settled])
-        error.plot(*left, color=COLOR["expected"], ls=":", label=f"less the lag of {1e3 * lag:.1f} ms")
+        if math.isfinite(lag):
+            settled = time > time[0] + lag
+            left = thin(time[settled], (angle - np.interp(time - lag, w.time, model))[settled])
+            error.plot(*left, color=COLOR["expected"], ls=":", label=f"less the lag of {1e3 * lag:.1f} ms")
         error.set_ylabel("error [°]")
         error.set_xlabel("time [s]")
         legend(error, columns=2, place="upper right")
@@ -411,7 +437,7 @@ Draw = Callable[[RecordedRun, Sequence[Span]], Iterator[Picture]]
 
 _FIGURES: tuple[tuple[tuple[str, ...], str | None, Draw], ...] = (
     (("breakout_torque",), None, friction),
-    (("hysteresis",), None, static),
+    (("hysteresis", "static_friction"), None, static),
     (("part60_tolerance_used",), None, released),
     (("tracking_amplitude_ratio", "tracking_phase_lag_ms"), None, tracking),
     (("oscillation_amplitude_deg", "oscillation_frequency_hz"), None, squeezing),

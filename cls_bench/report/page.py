@@ -5,6 +5,7 @@ import json
 import math
 import shlex
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import version
@@ -12,15 +13,19 @@ from pathlib import Path
 from typing import Any
 
 import jinja2
+import numpy as np
 from markupsafe import Markup
 
 from cls_bench.analysis import energy
-from cls_bench.errors import InputError, OutputError, one_line
+from cls_bench.claims import cannot_write, claimed_page, page_mark, write_text
+from cls_bench.errors import InputError, one_line
 from cls_bench.experiment import CheckResult
 from cls_bench.report import style
-from cls_bench.report.figures import Picture, pictures
+from cls_bench.report.figures import CANNOT_DRAW, Picture, pictures
 from cls_bench.report.recorded_run import RecordedRun
 from cls_bench.resources import shipped_scenarios
+from cls_bench.signals import TOPIC
+from cls_bench.text import printable
 
 Rows = Sequence[Sequence[str]]
 
@@ -51,13 +56,13 @@ def write_report(runs: Sequence[RecordedRun], folder: Path) -> Path:
     Raises OutputError if it cannot be written.
     """
     name = runs[0].path.stem if len(runs) == 1 else "report"
-    page = folder / f"{name}.html"
+    owner = _owner(runs)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        shown = [_run(run, folder, number if len(runs) > 1 else 0) for number, run in enumerate(runs, start=1)]
-        page.write_text(_render("report.html", runs=shown), encoding="utf-8")
+        with claimed_page(folder, name, owner) as page:
+            shown = [_run(run, page, number if len(runs) > 1 else 0) for number, run in enumerate(runs, start=1)]
+            _write(page, owner, _render("report.html", runs=shown))
     except OSError as error:
-        raise OutputError(f"cannot write {error.filename or page}: {error.strerror}") from None
+        raise cannot_write(Path(error.filename or folder), error) from None
     return page
 
 
@@ -68,13 +73,13 @@ def write_gallery(runs: Sequence[RecordedRun], folder: Path) -> Path:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for run in runs:
-            shown = _run(run, folder, 0)
             report = folder / f"{run.name}.html"
-            report.write_text(_render("report.html", runs=[shown]), encoding="utf-8")
+            shown = _run(run, report, 0)
+            _write(report, _owner([run]), _render("report.html", runs=[shown]))
             cards.append({**shown, "name": run.name, "page": report.name, "picture": shown["pictures"][0]})
-        page.write_text(_render("gallery.html", runs=cards), encoding="utf-8")
+        _write(page, _owner(runs), _render("gallery.html", runs=cards))
     except OSError as error:
-        raise OutputError(f"cannot write {error.filename or page}: {error.strerror}") from None
+        raise cannot_write(Path(error.filename or page), error) from None
     return page
 
 
@@ -82,17 +87,29 @@ def write_comparison(
     first: RecordedRun, second: RecordedRun, pictures: Sequence[Picture], sections: Sequence[Section], folder: Path
 ) -> Path:
     """Write a page that lays two runs over each other; returns its path. Raises OutputError."""
-    page = folder / f"{first.path.stem}--{second.path.stem}.html"
+    owner = _owner((first, second))
+    named = (("A", first), ("B", second))
     runs = [("", "recording", "scenario", "verdict")]
-    runs += [(name, run.path.name, run.scenario.title, run.verdict) for name, run in (("A", first), ("B", second))]
+    runs += [(name, run.path.name, run.scenario.title, run.verdict) for name, run in named]
+    doubts = [f"{name}: {doubt}" for name, run in named for doubt in run.doubts]
     shown = [Shown(p.title, p.caption, _inline(p, style.svg(p.figure, p.name)), p.table, ()) for p in pictures]
-    text = _render("compare.html", title="Two runs compared", runs=runs, sections=sections, pictures=shown)
+    title = "Two runs compared"
+    text = _render("compare.html", title=title, runs=runs, doubts=doubts, sections=sections, pictures=shown)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        page.write_text(text, encoding="utf-8")
+        with claimed_page(folder, f"{first.path.stem}--{second.path.stem}", owner) as page:
+            _write(page, owner, text)
     except OSError as error:
-        raise OutputError(f"cannot write {page}: {error.strerror}") from None
+        raise cannot_write(Path(error.filename or folder), error) from None
     return page
+
+
+def _owner(runs: Sequence[RecordedRun]) -> str:
+    """Whose a page is: it is replaced by another about the same recordings, and by no other."""
+    return "\n".join(str(run.path.resolve()) for run in runs)
+
+
+def _write(page: Path, owner: str, text: str) -> None:
+    write_text(page, text.replace("<head>", f"<head>\n{page_mark(owner)}", 1))
 
 
 @cache
@@ -113,22 +130,27 @@ def _render(template: str, **values: Any) -> str:
     return _templates().get_template(template).render(style=css, version=version("cls-bench"), **values)
 
 
-def _run(run: RecordedRun, folder: Path, number: int) -> dict[str, Any]:
-    """All that a page says of a run; its figures are written below ``folder``."""
-    stem = run.path.stem
-    figures = folder / f"{stem}_figures"
+def _run(run: RecordedRun, page: Path, number: int) -> dict[str, Any]:
+    """All that ``page`` says of a run; its figures are written beside the page, with ``number`` unless it is 0."""
+    figures = page.with_name(f"{page.stem}_figures")
     figures.mkdir(exist_ok=True)
-    shown = []
-    for picture in pictures(run):
-        document = style.svg(picture.figure, f"{picture.name}_{number}")
-        paths = style.save(picture.figure, figures / picture.name, document)
+    shown: list[Shown] = []
+    left_out: list[str] = []
+    suffix = f"_{number}" if number else ""
+    for picture in pictures(run, left_out):
+        try:
+            document = style.svg(picture.figure, f"{picture.name}_{number}")
+            paths = style.save(picture.figure, figures / f"{picture.name}{suffix}", document)
+        except CANNOT_DRAW as error:
+            left_out.append(f"{picture.title}: {printable(str(error), 300)}")
+            continue
         files = [(path.suffix[1:].upper(), f"{figures.name}/{path.name}") for path in paths]
         shown.append(Shown(picture.title, picture.caption, _inline(picture, document), picture.table, files))
-    recording, scenario = run.recording, run.scenario
+    scenario = run.scenario
     return {
         "anchor": f"run{number}", "title": scenario.title, "verdict": run.verdict,
         "description": " ".join(scenario.description.split()), "facts": _facts(run),
-        "warning": f"The file was cut short: it ends at {run.duration:g} s." if recording.truncated else "",
+        "doubts": run.doubts, "left_out": left_out,
         "checks": [_check(result) for result in run.checks], "pictures": shown, "sections": list(_sections(run)),
         "command": _command(run), "scenario": scenario.source.decode(),
     }  # fmt: skip
@@ -143,7 +165,8 @@ def _facts(run: RecordedRun) -> str:
     facts = [f"{run.duration:g} s of {run.scenario.duration:g} s"]
     start = run.recording.wall_start
     if start:
-        facts.append(f"recorded {dt.datetime.fromisoformat(start):%-d %B %Y, %H:%M} UTC")
+        with suppress(ValueError):
+            facts.append(f"recorded {dt.datetime.fromisoformat(start):%-d %B %Y, %H:%M} UTC")
     facts += [f"seed {run.scenario.seed}", run.path.name]
     return " · ".join(facts)
 
@@ -158,11 +181,13 @@ def _check(result: CheckResult) -> dict[str, str]:
     limits = " and ".join(f"{sign} {number(x)}" for sign, x in (("≥", check.min), ("≤", check.max)) if x is not None)
     metric = check.metric + (f" of {check.signal}" if check.signal else "")
     arguments = ", ".join(f"{name} = {value:g}" for name, value in check.arguments.items())
+    verdict = "passed" if result.passed else "not measured" if math.isnan(result.value) else "failed"
+    verdict = verdict if result.judged else ""
     return {
         "name": check.name, "metric": metric + (f" ({arguments})" if arguments else ""), "value": number(result.value),
         "unit": "" if result.unit == "1" else result.unit, "limits": limits,
         "window": f"{check.window[0]:g} to {check.window[1]:g}",
-        "verdict": "" if not result.judged else "passed" if result.passed else "failed",
+        "verdict": verdict, "note": result.note,
     }  # fmt: skip
 
 
@@ -187,10 +212,19 @@ def _controller(run: RecordedRun) -> Section | None:
 def _energy(run: RecordedRun) -> Section:
     """Where the energy went."""
     title = "Energy"
+    topics, losses = run.recording.topics, run.recording.losses
+    for path in energy.TOPICS:
+        if path not in topics or (topics[path].ticks, topics[path].names) != (TOPIC[path].ticks, TOPIC[path].names):
+            return Section(title, f"Not audited: {path} was not recorded as it was simulated.")
+    if losses:
+        return Section(title, f"Not audited: samples from {losses[0].start:g} to {losses[0].end:g} s are lost.")
     try:
-        audit = energy.audit(run.recording.blocks(), run.scenario.parameters_at_start())
+        with np.errstate(all="ignore"):
+            audit = energy.audit(run.recording.blocks(), run.scenario.parameters_at_start())
     except InputError as error:
         return Section(title, f"{error}.")
+    if not math.isfinite(audit.residual):
+        return Section(title, "Not audited: some samples are no numbers.")
     entries = [
         *((f"work of the {name}", value) for name, value in audit.work.items()),
         *((f"lost: {name}", value) for name, value in audit.losses.items()),
@@ -226,7 +260,7 @@ def _changes(run: RecordedRun) -> Section | None:
 
 
 def _events(run: RecordedRun) -> Section | None:
-    rows = [(f"{event.time:.4f}", event.level, event.source, event.message) for event in run.recording.events()]
+    rows = [(f"{event.time:.4f}", event.level, event.source, event.message) for event in run.events]
     return Section("Events", "", (("time [s]", "level", "source", "what"), *rows)) if rows else None
 
 
@@ -234,24 +268,29 @@ def _timing(run: RecordedRun) -> Section:
     recording = run.recording
     topics = [(t.path, f"{t.rate:g}", str(len(t.signals)), t.meaning) for t in recording.topics.values()]
     text = ""
-    if recording.wall_start and recording.wall_end:
-        start, end = (dt.datetime.fromisoformat(clock) for clock in (recording.wall_start, recording.wall_end))
-        wall = (end - start).total_seconds()
-        text = f"{run.duration:g} s were simulated and recorded in {wall:.1f} s"
-        text += (
-            f", {run.duration / wall:.1f} times as fast as real time (compilation, if any, included)."
-            if wall > 0
-            else "."
+    wall = _seconds_between(recording.wall_start, recording.wall_end)
+    if wall > 0:
+        text = (
+            f"{run.duration:g} s were simulated and recorded in {wall:.1f} s, {run.duration / wall:.1f} times as fast "
+            "as real time (compilation, if any, included)."
         )
     return Section("Timing", text, (("topic", "samples per second", "signals", "meaning"), *topics))
+
+
+def _seconds_between(start: str, end: str) -> float:
+    """Time between two clocks, ISO 8601 [s]; 0 if one of them is none."""
+    try:
+        return (dt.datetime.fromisoformat(end) - dt.datetime.fromisoformat(start)).total_seconds()
+    except (ValueError, TypeError, OverflowError):
+        return 0.0
 
 
 def _command(run: RecordedRun) -> str:
     """The commands that make the same recording again, and what they depend on; each word quoted for a shell."""
     words = ["cls-bench", "run"]
     for entry in run.scenario.overrides:
-        words += ["--set", entry]
-    about = run.recording.metadata
+        words += ["--set", printable(entry, 1000)]
+    about = {name: printable(text, 1000) for name, text in run.recording.metadata.items()}
     notes = []
     place = run.scenario.controller_place
     if not run.has_feel_model:
@@ -266,9 +305,6 @@ def _command(run: RecordedRun) -> str:
                 for key, value in arguments.items():
                     words += ["--controller-arg", f"{key}={_toml(value)}"]
             notes.append(f"the controller's source{digest} is the attachment controller.py")
-    for key, option in (("signals", "--signals"), ("rate", "--rate")):  # a recording of less than all
-        for value in about.get(f"record.{key}", "").split("\n"):
-            words += [option, value] if value else []
     known = run.name in shipped_scenarios()
     words.append(run.name if known else f"{run.name}.toml")  # the text below
     packages = ", ".join(

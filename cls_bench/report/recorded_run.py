@@ -1,7 +1,11 @@
 """A run as its recording tells it: scenario, parameters, verdict and signals, without any other file."""
 
-import tempfile
-from collections.abc import Sequence
+import json
+import math
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -10,15 +14,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cls_bench import experiment
+from cls_bench.analysis import metrics
 from cls_bench.analysis.window import Window
 from cls_bench.errors import InputError, one_line
 from cls_bench.parameters import Parameters, leaves
 from cls_bench.recording import Recording
+from cls_bench.recording.mcap_reader import INCOMPLETE
+from cls_bench.recording.recorder import INTERRUPTED
+from cls_bench.run_log import trip_of
 from cls_bench.scenario import Scenario, parse_scenario
-from cls_bench.signals import PLC_TICKS, POSE_TICKS, TICK_S
+from cls_bench.signals import PLC_TICKS, POSE_TICKS, TICK_S, TOPICS, Event
+from cls_bench.text import printable
 
 SCENARIO_FILE = "scenario.toml"
 """Attachment with the scenario as it was read."""
+
+LONGEST_SCENARIO = 1 << 20
+"""Bytes of a scenario that are read."""
+
+UNFINISHED = (experiment.DIVERGED, experiment.CONTROLLER_FAILED, INTERRUPTED, INCOMPLETE)
+"""How a recording ended whose checks do not decide."""
 
 
 class Span(NamedTuple):
@@ -38,15 +53,24 @@ class Changed(NamedTuple):
     meaning: str
 
 
+NOT_MEASURED = "not measured"
+"""Verdict of a run of which samples are lost that a check needs."""
+
+SAME = 1e-6
+"""Relative difference up to which a value is the one that was recorded: libraries and processors round differently."""
+
+
 class RecordedRun:
-    """A recording with the scenario that it carries. Raises InputError if it is no recording of a run."""
+    """A recording with the scenario that it carries. Raises InputError if it is no recording of a run with samples."""
 
     def __init__(self, path: Path):
-        self.recording = Recording(path)
         self.path = path
+        self.recording = Recording(path)
+        self.recording.verify()
+        self.recording.require_samples()
         if SCENARIO_FILE not in self.recording.attachments:
-            raise InputError(f"{path} carries no scenario; it was cut short before its first samples")
-        self.scenario = _scenario(self.recording)
+            raise InputError(f"{path}: carries no scenario")
+        self.scenario, self._unknown = _scenario(self.recording)
         self._windows: dict[Span, Window] = {}
 
     @property
@@ -75,16 +99,90 @@ class RecordedRun:
         return self.recording.duration
 
     @cached_property
+    def events(self) -> tuple[Event, ...]:
+        """What the log holds."""
+        return self.recording.events()
+
+    @cached_property
     def checks(self) -> tuple[experiment.CheckResult, ...]:
-        """What the scenario's checks measure on this recording."""
-        return experiment.measure(self.scenario, self.recording)
+        """What the scenario's checks measure on this recording.
+
+        Of signals that were not recorded, the values are those of the run itself.
+        """
+        return tuple(self._with_recorded_value(result) for result in self._measured)
+
+    @cached_property
+    def _measured(self) -> tuple[experiment.CheckResult, ...]:
+        return experiment.measure(self.scenario, self.recording, own_loop=not self.has_feel_model)
+
+    def _with_recorded_value(self, result: experiment.CheckResult) -> experiment.CheckResult:
+        value = self._recorded_values.get(result.check.name)
+        if self._is_whole or value is None or not math.isnan(result.value):
+            return result
+        return replace(result, value=value, note="as measured by the run; its samples were not recorded")
+
+    @property
+    def _is_whole(self) -> bool:
+        """Whether all signals were recorded, with all their samples."""
+        topics = self.recording.topics
+        return all(
+            known.path in topics and topics[known.path].ticks == known.ticks
+            and set(known.names) <= set(topics[known.path].names) for known in TOPICS
+        )  # fmt: skip
+
+    @cached_property
+    def _recorded_values(self) -> dict[str, float | None]:
+        """Values of the checks as the run recorded them; None where there was none."""
+        try:
+            found = json.loads(self.recording.result.get("checks", "{}"))
+            return {str(name): None if value is None else float(value) for name, value in found.items()}
+        except (ValueError, TypeError, AttributeError, RecursionError, OverflowError):
+            return {}
 
     @property
     def verdict(self) -> str:
-        """``passed`` or ``failed`` by the checks; otherwise how the recording ended, such as ``diverged``."""
-        if self.recording.status != "complete":
-            return self.recording.status
-        return experiment.PASSED if all(check.passed for check in self.checks) else experiment.FAILED
+        """The verdict from the samples and events; otherwise how the recording ended, such as ``diverged``.
+
+        ``not measured`` if samples are lost that a check needs and no other check fails.
+        """
+        status = self.recording.status
+        if status in UNFINISHED:
+            return status
+        trips = [trip for trip in map(trip_of, self.events) if trip]
+        verdict = experiment.ending(self.scenario, trips, None).judged(self.checks).status
+        if self.recording.losses:
+            failing = [result for result in self.checks if not result.passed]
+            if verdict == experiment.FAILED and failing and all(math.isnan(result.value) for result in failing):
+                return NOT_MEASURED
+            recorded = self.recording.result.get("verdict", "")
+            if verdict == experiment.PASSED and recorded in experiment.EXIT_CODES:
+                return recorded  # what made it otherwise may be what is lost
+        return verdict
+
+    @cached_property
+    def doubts(self) -> tuple[str, ...]:
+        """What is wrong with the recording, and where it says something else than its samples; one line each."""
+        return (*self.recording.doubts, *(printable(line, 500) for line in self._contradictions()))
+
+    def _contradictions(self) -> Iterator[str]:
+        yield from self._unknown
+        result, status = self.recording.result, self.recording.status
+        if self.duration > self.scenario.duration + TICK_S:
+            yield f"its samples go on to {self.duration:g} s, its scenario to {self.scenario.duration:g} s"
+        with suppress(ValueError):
+            ran = int(result.get("ticks", "0")) * TICK_S
+            if ran > self.duration + PLC_TICKS * TICK_S:
+                yield f"the run went on to {ran:g} s, its samples end at {self.duration:g} s"
+        recorded = result.get("verdict", status if status in experiment.EXIT_CODES else self.verdict)
+        if recorded != self.verdict:
+            yield f'the file says "{recorded}", its samples and events give "{self.verdict}"'
+        found = {entry.check.name: entry.value for entry in self._measured}
+        for name, value in self._recorded_values.items():
+            ours = found.get(name)
+            if ours is None:
+                yield f'the file has a value of "{name}", which its scenario does not measure'
+            elif self._is_whole and not _same(math.nan if value is None else value, ours):
+                yield f'"{name}": the file says {_shown(value)}, its samples give {_shown(ours)}'
 
     @cached_property
     def changed_parameters(self) -> list[Changed]:
@@ -106,10 +204,10 @@ class RecordedRun:
     @property
     def whole(self) -> Window:
         """The whole run."""
-        return self.window(Span(0.0, self.duration))
+        return self.window(Span(0.0, min(self.duration, self.scenario.duration)))
 
     def spans(self, *metrics: str, signal: str | None = None) -> list[Span]:
-        """Windows of the checks that measure one of ``metrics``, in order of time, if they were recorded to their end.
+        """Windows of the checks that measure one of ``metrics``, in order of time, if they were recorded without a gap.
 
         With ``signal``, only of those that measure it.
         """
@@ -117,13 +215,18 @@ class RecordedRun:
             Span(*check.window) for check in self.scenario.checks
             if check.metric in metrics and signal in (None, check.signal)
         }  # fmt: skip
-        return sorted(span for span in found if span.end <= self.duration + TICK_S)
+        losses = self.recording.losses
+        return sorted(
+            span for span in found
+            if span.end <= self.duration + TICK_S
+            and not any(loss.start < span.end and span.start < loss.end for loss in losses)
+        )  # fmt: skip
 
     @cached_property
     def powered(self) -> NDArray[np.bool_]:
         """Whether the drive's power stage was on, at the PLC's rate: without power its voltage is exactly 0."""
-        voltage = self.recording.read("/drive", ["voltage"], every=PLC_TICKS // self.recording.topics["/drive"].ticks)
-        return held_on(voltage["voltage"] != 0.0)
+        voltage = self.whole["/drive.voltage"]
+        return held_on((voltage != 0.0) & ~np.isnan(voltage))
 
     def power_in(self, span: Span) -> str:
         """``"on"``, ``"off"`` or ``"changing"``: the drive's power in ``span``."""
@@ -148,14 +251,31 @@ def open_runs(paths: Sequence[Path]) -> list[RecordedRun]:
     return [RecordedRun(path) for path in paths]
 
 
-def _scenario(recording: Recording) -> Scenario:
-    """The scenario as it was run. Sample files that it names travel as attachments and are laid beside it."""
+def _same(a: float, b: float) -> bool:
+    return math.isclose(a, b, rel_tol=SAME, abs_tol=1e-12) or (math.isnan(a) and math.isnan(b))
+
+
+def _shown(value: float | None) -> str:
+    return "that it was not measured" if value is None or math.isnan(value) else f"{value:.6g}"
+
+
+def _scenario(recording: Recording) -> tuple[Scenario, list[str]]:
+    """The scenario as it was run, and what this version does not know of it. Sample files travel as attachments."""
     overrides = [line for line in recording.metadata.get("overrides", "").split("\n") if line]
-    with tempfile.TemporaryDirectory() as folder:
-        for name, content in recording.attachments.items():
-            place = (Path(folder) / name).resolve()
-            if place.is_relative_to(Path(folder).resolve()):
-                place.parent.mkdir(parents=True, exist_ok=True)
-                place.write_bytes(content)
-        path = Path(folder) / f"{recording.scenario_name or 'scenario'}.toml"
-        return parse_scenario(recording.attachments[SCENARIO_FILE], path=path, set=overrides)
+    name = re.sub(r"[^\w.-]+", "_", printable(recording.scenario_name, 100)).lstrip(".-") or "scenario"
+    source = recording.attachments[SCENARIO_FILE]
+    try:
+        if len(source) > LONGEST_SCENARIO:
+            raise InputError(f"it has {len(source)} bytes, {LONGEST_SCENARIO} at most")
+        scenario = parse_scenario(source, name=name, set=overrides, sample_files=recording.attachments)
+    except (InputError, RecursionError) as error:
+        text = str(error) if isinstance(error, InputError) else "it is nested too deeply"
+        raise InputError(f"{recording.path}: its scenario cannot be read: {printable(text, 500)}") from None
+    known, unknown = [], []
+    for check in scenario.checks:
+        try:
+            metrics.validate(check)
+            known.append(check)
+        except InputError as error:
+            unknown.append(f'check "{check.name}" cannot be measured by this version: {error}')
+    return (scenario.with_checks(known) if unknown else scenario), unknown

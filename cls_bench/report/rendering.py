@@ -8,20 +8,23 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from cls_bench.claims import replaced
 from cls_bench.errors import InputError, OutputError
 from cls_bench.geometry import force_arrows, turned
 from cls_bench.recording import Recording
-from cls_bench.signals import POSE_TICKS, TICK_S, TOPIC
+from cls_bench.report.drawn_model import MODEL_FILE, check_time, model_xml
+from cls_bench.signals import POSE_TICKS, TICK_S
+from cls_bench.text import printable
 
 Image = NDArray[np.uint8]
 
 SIZE = (1280, 800)
 CAMERA = "bench"
-MODEL_FILE = "bench_as_run.xml"
-"""Attachment with the whole model."""
-
 _ARROW_COLORS = ((0.90, 0.62, 0.0, 1.0), (0.34, 0.71, 0.91, 1.0))
 _ARROW_RADIUS = 0.006  # [m]
+
+FURTHEST = 100.0
+"""Greatest coordinate of a body that is drawn [m]."""
 
 
 class Renderer:
@@ -29,12 +32,15 @@ class Renderer:
 
     def __init__(self, recording: Recording, size: tuple[int, int] = SIZE, camera: str = CAMERA):
         self._recording = recording
-        model = recording.attachments.get(MODEL_FILE)
-        if model is None:
-            raise InputError(f"{recording.path} carries no {MODEL_FILE}; there is nothing to draw")
-        spec = mujoco.MjSpec.from_string(model.decode())
-        spec.visual.global_.offwidth, spec.visual.global_.offheight = size
-        self._model = spec.compile()
+        xml = model_xml(recording)
+        try:
+            spec = mujoco.MjSpec.from_string(xml)
+            spec.visual.global_.offwidth, spec.visual.global_.offheight = size
+            self._model = spec.compile()
+            self._ends = [self._model.body(name).id for name in ("column", "rod_end")]
+        except (ValueError, KeyError, TypeError) as error:
+            reason = printable(str(error), 300)
+            raise InputError(f"{recording.path}: its {MODEL_FILE} cannot be drawn: {reason}") from None
         self._data = mujoco.MjData(self._model)
         mujoco.mj_forward(self._model, self._data)  # cameras and lights stand in the world; the bodies come later
         cameras = [self._model.camera(k).name for k in range(self._model.ncam)]
@@ -52,9 +58,12 @@ class Renderer:
 
     def still(self, at: float) -> Image:
         """The bench at ``at`` [s], shape (height, width, 3). InputError outside of the recording."""
-        _check_time(self._recording, at)
+        check_time(self._recording, at)
         at = min(at, self._recording.duration - POSE_TICKS * TICK_S)  # poses are there every 10 ms
-        return next(self.frames(at, at + 2 * POSE_TICKS * TICK_S, POSE_TICKS * TICK_S))
+        image = next(self.frames(at, at + 2 * POSE_TICKS * TICK_S, POSE_TICKS * TICK_S), None)
+        if image is None:
+            raise InputError(f"{self._recording.path}: there are no poses at {at:g} s")
+        return image
 
     def frames(self, start: float, end: float, step: float) -> Iterator[Image]:
         """The bench every ``step`` [s], at 100 Hz at most."""
@@ -62,14 +71,25 @@ class Renderer:
         every = max(round(step / (POSE_TICKS * TICK_S)), 1)
         if not len(time):
             return
-        force, hand = (
-            self._recording.read(topic, [name], start, end, POSE_TICKS // TOPIC[topic].ticks)[name]
-            for topic, name in (("/load_cell", "force"), ("/pilot", "hand_force"))
-        )
-        column, rod_end = (self._model.body(name).id for name in ("column", "rod_end"))
+        if poses.shape[1] != self._model.nbody or not np.abs(poses).max() <= FURTHEST:
+            raise InputError(f"{self._recording.path}: its poses are not those of its model")
+        force, hand = (self._force(time, *names) for names in (("/load_cell", "force"), ("/pilot", "hand_force")))
+        column, rod_end = self._ends
         origins, vectors = force_arrows(poses[:, column], poses[:, rod_end], hand, force)
         for row in range(0, len(time), every):
             yield self._draw(poses[row], origins[row], vectors[row])
+
+    def _force(self, time: NDArray[np.float64], topic: str, name: str) -> NDArray[np.float64]:
+        """A force at ``time`` [N]; 0, which draws no arrow, where it was not recorded."""
+        known = self._recording.topics.get(topic)
+        if known is None or name not in known.names:
+            return np.zeros(len(time))
+        series = self._recording.read(topic, [name], float(time[0]), float(time[-1]) + TICK_S)
+        if not len(series):
+            return np.zeros(len(time))
+        place = np.clip(np.searchsorted(series.time, time - 0.5 * TICK_S), 0, len(series) - 1)
+        there = np.abs(series.time[place] - time) < known.ticks * TICK_S
+        return np.where(there & (np.abs(series[name][place]) < 1e6), series[name][place], 0.0)
 
     def _draw(self, poses: NDArray[np.float64], origins: Any, vectors: Any) -> Image:
         model, data = self._model, self._data
@@ -95,16 +115,11 @@ class Renderer:
         scene.ngeom += 1
 
 
-def _check_time(recording: Recording, at: float) -> None:
-    if not 0.0 <= at <= recording.duration:
-        raise InputError(f"{recording.path} ends at {recording.duration:g} s; there is nothing at {at:g} s")
-
-
 def save_still(recording: Recording, at: float, path: Path, size: tuple[int, int] = SIZE, camera: str = CAMERA) -> None:
     """Write a still as PNG. Raises InputError and OutputError."""
     from PIL import Image as Pillow
 
-    _check_time(recording, at)
+    check_time(recording, at)
     renderer = Renderer(recording, size, camera)
     try:
         image = Pillow.fromarray(renderer.still(at))
@@ -112,7 +127,8 @@ def save_still(recording: Recording, at: float, path: Path, size: tuple[int, int
         renderer.close()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        image.save(path)
+        with replaced(path) as file:
+            image.save(file)
     except (OSError, ValueError) as error:
         raise OutputError(f"cannot write {path}: {error}") from None
 
@@ -129,17 +145,18 @@ def save_video(
         import imageio_ffmpeg
     except ImportError:
         raise InputError("a video needs ffmpeg: pip install 'cls-bench[video]'") from None
-    _check_time(recording, start)
+    check_time(recording, start)
     renderer = Renderer(recording, size, camera)
     frames = 0
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        writer = imageio_ffmpeg.write_frames(str(path), size, fps=rate, quality=8, macro_block_size=2)
-        writer.send(None)
-        for image in renderer.frames(start, end, speed / rate):
-            writer.send(np.ascontiguousarray(image))
-            frames += 1
-        writer.close()
+        with replaced(path) as file:
+            writer = imageio_ffmpeg.write_frames(str(file), size, fps=rate, quality=8, macro_block_size=2)
+            writer.send(None)
+            for image in renderer.frames(start, end, speed / rate):
+                writer.send(np.ascontiguousarray(image))
+                frames += 1
+            writer.close()
     except OSError as error:
         raise OutputError(f"cannot write {path}: {error}") from None
     finally:

@@ -16,6 +16,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from cls_bench.claims import replaced, write_text
+
 Array = NDArray[np.float64]
 
 
@@ -118,20 +120,27 @@ def room_above(ax: Axes, share: float) -> None:
 
 
 def thin(x: Array, y: Array) -> tuple[Array, Array]:
-    """A curve over time by the least and the greatest of each of :data:`PIXELS` stretches: peaks are kept."""
+    """A curve over time by the least and the greatest of each of :data:`PIXELS` stretches: peaks are kept.
+
+    NaN is a gap, and so is a stretch of nothing else.
+    """
     size = len(x) // PIXELS
     if size < 3:
         return x, y
     rows = len(x) // size
     parts = y[: rows * size].reshape(rows, size)
     first = np.arange(rows) * size
-    picks = np.sort(np.stack([first + parts.argmin(axis=1), first + parts.argmax(axis=1)], axis=1), axis=1).ravel()
-    picks = np.unique(np.concatenate([[0], picks, [len(x) - 1]]))
+    gaps = np.isnan(parts)
+    extremes = [np.where(gaps, np.inf, parts).argmin(axis=1), np.where(gaps, -np.inf, parts).argmax(axis=1)]
+    extremes += [gaps.argmax(axis=1)] if gaps.any() else []
+    picks = np.unique(np.concatenate([[0], (first + np.stack(extremes)).ravel(), [len(x) - 1]]))
     return x[picks], y[picks]
 
 
 def thin_path(x: Array, y: Array) -> tuple[Array, Array]:
-    """A curve in the plane: of the points in a column of pixels the first, least, greatest and last."""
+    """A curve in the plane: of the points in a column of pixels the first, least, greatest and last; no NaN."""
+    there = np.isfinite(x) & np.isfinite(y)
+    x, y = (x, y) if there.all() else (x[there], y[there])
     if len(x) <= PIXELS:
         return x, y
     span = float(np.ptp(x)) or 1.0
@@ -171,7 +180,7 @@ def save(figure: Figure, stem: Path, document: str | None = None) -> tuple[Path,
     """
     svg_path, png_path = stem.with_name(f"{stem.name}.svg"), stem.with_name(f"{stem.name}.png")
     document = document or svg(figure, stem.name)
-    svg_path.write_text(document.replace("<svg ", '<svg style="background: white" ', 1), encoding="utf-8")
+    write_text(svg_path, document.replace("<svg ", '<svg style="background: white" ', 1))
     save_png(figure, png_path)
     return svg_path, png_path
 
@@ -180,7 +189,7 @@ def save_png(figure: Figure, path: Path) -> None:
     """Write the figure on white paper. Raises OSError."""
     figure.set_facecolor("white")
     try:
-        with mpl.rc_context({**_RC, "savefig.facecolor": "auto"}):
-            figure.savefig(path, dpi=160, metadata={"Software": None})
+        with mpl.rc_context({**_RC, "savefig.facecolor": "auto"}), replaced(path) as file:
+            figure.savefig(file, dpi=160, metadata={"Software": None}, format=path.suffix[1:])
     finally:
         figure.set_facecolor("none")

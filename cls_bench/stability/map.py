@@ -5,7 +5,7 @@ after an interruption.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -124,8 +124,9 @@ def compute(
     resume: bool = False,
     scheduler: str | Engine = "threads",
     report: Report | None = None,
+    say: Callable[[str], None] | None = None,
 ) -> StabilityMap:
-    """Compute the map of ``setup``; ``journal``, ``resume`` and ``scheduler`` as in :func:`evaluate_points`.
+    """Compute the map of ``setup``; ``journal``, ``resume``, ``scheduler``, ``say`` as in :func:`evaluate_points`.
 
     Raises InputError and OutputError.
     """
@@ -141,6 +142,7 @@ def compute(
         rows = evaluate_points(
             Evaluate(setup, grid.x, grid.y, standard), points,
             journal=journal, identity=identity, resume=resume, scheduler=scheduler, report=report,
+            say=say,
         )  # fmt: skip
         x_fine = grid.values(grid.x, 3 * grid.columns)
         y_fine = grid.values(grid.y, 3 * grid.rows)

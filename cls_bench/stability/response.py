@@ -30,7 +30,7 @@ from cls_bench.analysis.frequency import FrequencyResponse
 from cls_bench.analysis.linear import LinearBench
 from cls_bench.analysis.variation import Setup
 from cls_bench.bench import Bench
-from cls_bench.errors import BenchError, InputError
+from cls_bench.errors import InputError, TrippedError
 from cls_bench.scenario import parse_scenario
 from cls_bench.signals import PLC_S, PLC_TICKS, TICK_S, TOPIC
 from cls_bench.stability.loops import BuiltIn, MakeLoop, Probe
@@ -89,6 +89,8 @@ class Measured:
     predicted_open: FrequencyResponse | None
     simulated: float
     """length of the run [s]"""
+    limited: tuple[str, ...] = ()
+    """limits that were reached meanwhile: the response is that of a loop at its limit"""
 
 
 def measure(
@@ -96,7 +98,7 @@ def measure(
 ) -> Measured:
     """Measure ``loop`` of ``setup``; ``make_loop`` replaces the built-in outer loop by the user's own.
 
-    Raises InputError for an unknown loop or excitation, BenchError if the bench trips while it is excited.
+    Raises InputError for an unknown loop or excitation, TrippedError if the bench trips while it is excited.
     """
     excitation = excitation or Excitation()
     if loop not in LOOPS:
@@ -196,17 +198,16 @@ def _probed(setup: Setup, loop: str, signal: _Signal, make_loop: MakeLoop | None
     else:
         probe = Probe(None, angle=over_time(signal.angle), velocity=over_time(np.gradient(signal.angle, PLC_S)))
         source = "angle"
-    recorded = _run(setup, _holding(setup, cycles * PLC_S), probe)
-    drive = {name: recorded["/drive"][:, k] for k, name in enumerate(TOPIC["/drive"].names)}
-    column = {name: recorded["/column"][:, k] for k, name in enumerate(TOPIC["/column"].names)}
+    recorded, limited = _run(setup, _holding(setup, cycles * PLC_S), probe)
+    drive = {name: recorded[f"/drive.{name}"] for name in TOPIC["/drive"].names}
     half = TOPIC["/drive"].ticks
     signals: dict[str, tuple[Array, int]] = {
         "set_angle": (np.array([c.angle for c in probe.asked]), PLC_TICKS),
         "asked_velocity": (np.array([c.velocity for c in probe.asked]), PLC_TICKS),
         "measured_torque": (np.array(probe.measured), PLC_TICKS),
         "model_torque": (np.array(probe.applied), PLC_TICKS),
-        "column_angle": (column["angle"], 1),
-        "column_velocity": (column["velocity"], 1),
+        "column_angle": (recorded["/column.angle"], 1),
+        "column_velocity": (recorded["/column.velocity"], 1),
         "position": (drive["position"][::2], PLC_TICKS),
         "position_error": ((drive["set_position"] - drive["position"])[::2], PLC_TICKS),
         "velocity": (drive["velocity"], half),
@@ -238,7 +239,7 @@ def _probed(setup: Setup, loop: str, signal: _Signal, make_loop: MakeLoop | None
 
     names = {"velocity-loop": ("T_v", "L_v"), "position-loop": ("P", "L_p"), "outer-loop": ("", "G")}[loop]
     (c, pc), (o, po) = response(closed, names[0]), response(opened, names[1])
-    return Measured(loop, c, o, pc, po, cycles * PLC_S)
+    return Measured(loop, c, o, pc, po, cycles * PLC_S, limited)
 
 
 def _holding(setup: Setup, duration: float) -> str:
@@ -254,16 +255,19 @@ def _squeeze(setup: Setup) -> str:
     return f"[[squeeze]]\nat = 0.0\nvalue = {float(setup.hand.squeeze or 0.0)}\nover = 0.0\n"
 
 
-def _run(setup: Setup, text: str, controller: Any) -> Mapping[str, Array]:
+def _run(setup: Setup, text: str, controller: Any) -> tuple[Mapping[str, Array], tuple[str, ...]]:
+    """All signals by name, and what the log says of limits that were reached."""
     bench = Bench(setup.parameters, controller=controller)
     parts: dict[str, list[Array]] = {}
+    limited: list[str] = []
     for block in bench.run(parse_scenario(text)):
-        for event in block.events:
-            if event.source == "safety":
-                raise BenchError(f"{event.message} at {event.time:.2f} s, while measuring; choose a smaller amplitude")
-        for topic, rows in block:
-            parts.setdefault(topic.path, []).append(rows)
-    return {path: np.concatenate(rows) for path, rows in parts.items()}
+        for trip in bench.trips:
+            raise TrippedError(f"{trip.message} at {trip.time:.2f} s, while measuring; choose a smaller amplitude")
+        limited += [f"t = {e.time:.2f} s: {e.source}: {e.message}" for e in block.events if e.level == "warning"]
+        for topic, _ in block:
+            for name in topic.names:
+                parts.setdefault(f"{topic.path}.{name}", []).append(block[f"{topic.path}.{name}"])
+    return {signal: np.concatenate(rows) for signal, rows in parts.items()}, tuple(limited)
 
 
 def _ratio(
@@ -303,8 +307,8 @@ def _admittance(setup: Setup, e: Excitation, make_loop: MakeLoop | None) -> Meas
         raise InputError("the rendered admittance is measured through the hand, which must grip; give a squeeze")
     segments, windows, frequencies = _force_sines(e) if e.kind == STEPPED else _force_chirp(e)
     text = f'title = "rendered admittance"\nduration = {windows[-1][1] + 1e-9}\n' + segments + _squeeze(setup)
-    recorded = _run(setup, text, make_loop(setup.parameters) if make_loop else None)
-    velocity, torque = recorded["/column"][:, 1], recorded["/column"][:, 2]
+    recorded, limited = _run(setup, text, make_loop(setup.parameters) if make_loop else None)
+    velocity, torque = recorded["/column.velocity"], recorded["/column.torque"]
     if e.kind == STEPPED:
         cut = [(round(a / PLC_S), round(b / PLC_S)) for a, b in windows]
         stepped = _Signal(np.zeros(0), tuple(cut), tuple(np.array([f]) for f in frequencies))
@@ -329,7 +333,7 @@ def _admittance(setup: Setup, e: Excitation, make_loop: MakeLoop | None) -> Meas
         )
         value = spectrum["column_velocity"] / spectrum["grip_torque"]
         predicted = FrequencyResponse("Y", measured.frequency, value)
-    return Measured("rendered-admittance", measured, None, predicted, None, windows[-1][1])
+    return Measured("rendered-admittance", measured, None, predicted, None, windows[-1][1], limited)
 
 
 def _force_sines(e: Excitation) -> tuple[str, list[tuple[float, float]], list[float]]:

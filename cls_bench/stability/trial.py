@@ -196,7 +196,7 @@ class _Watch:
         self._fits: list[_Fit] = []
 
     def add(self, block: Block) -> None:
-        ticks = np.concatenate([self._rest, block.signals["/column"][:, 1]])
+        ticks = np.concatenate([self._rest, block["/column.velocity"]])
         whole = len(ticks) // DECIMATION * DECIMATION
         self._rest = ticks[whole:]
         self._velocity = np.concatenate([self._velocity, ticks[:whole].reshape(-1, DECIMATION).mean(axis=1)])

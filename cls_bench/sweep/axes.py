@@ -9,9 +9,14 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 Array = NDArray[np.float64]
-Number = Annotated[float, Field(allow_inf_nan=False)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Cell = Annotated[bool | int | Number | str, Field(union_mode="left_to_right")]
+MOST_POINTS = 1_000_000
+"""Points a sweep may have: so many rows fit into memory with ease."""
+
+Number = Annotated[float, Field(ge=-1e15, le=1e15, allow_inf_nan=False)]
+Positive = Annotated[float, Field(ge=1e-15, le=1e15, allow_inf_nan=False)]
+Whole = Annotated[int, Field(ge=-(2**63), lt=2**63)]
+Text = Annotated[str, Field(min_length=1, max_length=200)]
+Cell = Annotated[bool | Whole | Number | Text, Field(union_mode="left_to_right")]
 
 
 class Strict(BaseModel):
@@ -21,12 +26,17 @@ class Strict(BaseModel):
 
 
 class _Axis(Strict):
-    key: Annotated[str, Field(min_length=1)]
+    key: Text
     """a parameter such as "feel.inertia", "duration", "seed", or the key of an entry such as "squeeze[0].value\""""
 
 
 class Listed(_Axis):
     """An axis whose values are combined with those of the others."""
+
+    @property
+    @abstractmethod
+    def length(self) -> int:
+        """Number of its values."""
 
     @abstractmethod
     def listed(self) -> Sequence[bool | int | float | str]:
@@ -48,6 +58,11 @@ class ListAxis(Listed):
     values: Annotated[list[Cell], Field(min_length=1)]
     """numbers, texts or booleans"""
 
+    @property
+    def length(self) -> int:
+        """As many as are given."""
+        return len(self.values)
+
     def listed(self) -> Sequence[bool | int | float | str]:
         """As given."""
         return self.values
@@ -58,8 +73,13 @@ class _Range(Listed):
     """first value"""
     to: Number
     """last value"""
-    count: Annotated[int, Field(ge=2)]
+    count: Annotated[int, Field(ge=2, le=MOST_POINTS)]
     """number of values, both ends among them"""
+
+    @property
+    def length(self) -> int:
+        """As asked for."""
+        return self.count
 
 
 class RangeAxis(_Range):

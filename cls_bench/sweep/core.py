@@ -22,11 +22,13 @@ def evaluate_points(
     resume: bool = False,
     scheduler: str | Engine = "threads",
     report: Report | None = None,
+    say: Callable[[str], None] | None = None,
 ) -> list[Row]:
     """Evaluate every point and return the rows in the order of ``points``.
 
     ``scheduler`` is an engine or the name of one (:func:`make_engine`); the rows are the same on all. With ``journal``
-    each row is kept in that file as soon as it is done; with ``resume`` rows that are there are not evaluated again.
+    each row is kept in that file as soon as it is done; with ``resume`` rows that are there are not evaluated again,
+    and ``say`` is told in one line of rows there that were not taken, because they were damaged or not of this sweep.
     ``identity`` names what is evaluated; the points and the sources of the package are part of it anyway. A point
     whose evaluation raises is a row with its error. Ctrl-C passes through, after the points being evaluated.
 
@@ -36,6 +38,8 @@ def evaluate_points(
     if journal is None:
         return _run(engine, evaluate, points, {}, lambda row: None, report)
     with Journal(journal, _fingerprint(identity, points), points, resume=resume) as kept:
+        if kept.dropped and say is not None:
+            say(kept.dropped)
         return _run(engine, evaluate, points, kept.rows, kept.append, report)
 
 

@@ -27,8 +27,8 @@ go with every combination. Values are SI, as in ``--set``.
 
 import itertools
 import json
+import math
 import re
-import tomllib
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -40,31 +40,30 @@ from cls_bench.errors import InputError
 from cls_bench.parameters import Parameters, leaves
 from cls_bench.resources import shipped_scenarios
 from cls_bench.scenario import Check, Scenario, load_scenario, parse_scenario
-from cls_bench.sweep.axes import Array, Axis, Listed, Random, Strict
+from cls_bench.scenario.faults import nearest, printable, shown
+from cls_bench.scenario.toml_file import read_toml
+from cls_bench.sweep.axes import MOST_POINTS, Array, Axis, Listed, Random, Strict
 from cls_bench.sweep.engine import Point
-
-MOST_POINTS = 1_000_000
-"""Points a sweep may have: so many rows fit into memory with ease."""
 
 
 class Sweep(Strict):
     """A sweep as its file describes it; made by :func:`load_sweep`."""
 
-    title: Annotated[str, Field(min_length=1)]
+    title: Annotated[str, Field(min_length=1, max_length=1000)]
     """one line that says what is looked for"""
-    scenario: Annotated[str, Field(min_length=1)]
+    scenario: Annotated[str, Field(min_length=1, max_length=1000)]
     """name of a shipped scenario, or a file, relative to this one"""
-    axes: Annotated[list[Axis], Field(min_length=1)]
+    axes: Annotated[list[Axis], Field(min_length=1, max_length=50)]
     """what varies"""
-    samples: Annotated[int, Field(ge=1)] | None = None
+    samples: Annotated[int, Field(ge=1, le=MOST_POINTS)] | None = None
     """number of draws of the random axes"""
     design: Literal["random", "latin_hypercube"] = "random"
     """how the random axes are drawn: independently, or as a latin hypercube, which fills each axis evenly"""
-    seed: Annotated[int, Field(ge=0)] = 0
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
     """seed of the draws"""
-    collect: Annotated[list[str], Field(min_length=1)] | None = None
+    collect: Annotated[list[str], Field(min_length=1, max_length=1000)] | None = None
     """names of the scenario's checks to collect; all if left out"""
-    checks: list[Check] = Field(default_factory=list)
+    checks: list[Check] = Field(default_factory=list, max_length=1000)
     """further metrics to collect, in the form of a scenario's checks"""
 
     @model_validator(mode="after")
@@ -87,8 +86,7 @@ class Sweep(Strict):
     @property
     def size(self) -> int:
         """Number of points."""
-        lengths = [len(axis.listed()) for axis in self.axes if isinstance(axis, Listed)]
-        return int(np.prod(lengths, dtype=np.float64)) * (self.samples or 1)
+        return math.prod(axis.length for axis in self.axes if isinstance(axis, Listed)) * (self.samples or 1)
 
     @cached_property
     def points(self) -> list[Point]:
@@ -153,7 +151,8 @@ def _collected(sweep: Sweep, scenario: Scenario) -> tuple[Check, ...]:
     known = {check.name: check for check in scenario.checks}
     for name in sweep.collect or []:
         if name not in known:
-            raise InputError(f'collect: "{name}" is no check of {scenario.name}; it has {", ".join(known) or "none"}')
+            has = printable(", ".join(known) or "none", 500)
+            raise InputError(f"collect: {shown(name)} is no check of {scenario.name}; it has {has}")
     chosen = [known[name] for name in sweep.collect] if sweep.collect is not None else list(scenario.checks)
     if not (chosen or sweep.checks):
         raise InputError(f"checks: {scenario.name} measures nothing; give [[checks]] to collect")
@@ -169,17 +168,15 @@ def load_sweep(path: Path) -> Plan:
     """Read a sweep file and its scenario. Raises InputError with one line that says what is wrong."""
     from cls_bench.experiment import validate
 
+    file = printable(str(path), 500)
     try:
-        source = path.read_bytes()
-        table = tomllib.loads(source.decode())
+        source, table = read_toml(path, file)
     except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"{path}: broken TOML: {error}") from None
+        raise InputError(f"{file}: cannot be read: {error.strerror}") from None
     try:
         sweep = Sweep.model_validate(table)
     except ValidationError as failure:
-        raise InputError(f"{path}: {_fault(failure)}") from None
+        raise InputError(f"{file}: {_fault(failure)}") from None
     named = sweep.scenario
     scenario = load_scenario(named if named in shipped_scenarios() else path.parent / named)
     try:
@@ -187,7 +184,7 @@ def load_sweep(path: Path) -> Plan:
         plan = Plan(sweep, scenario, source, path.stem)
         validate(scenario.with_checks(plan.checks))
     except InputError as error:
-        raise InputError(f"{path}: {error}") from None
+        raise InputError(f"{file}: {error}") from None
     return plan
 
 
@@ -199,25 +196,28 @@ def _check_keys(sweep: Sweep, scenario: Scenario) -> None:
             parse_scenario(scenario.source, path=scenario.path, set=[override(axis.key, sweep.points[0][axis.key])])
         elif axis.key not in (*parameters, "duration", "seed"):
             raise InputError(
-                f'axes[{k}].key: "{axis.key}" is unknown; valid are parameters (cls-bench list --parameters), '
+                f"axes[{k}].key: {shown(axis.key)} is unknown; valid are parameters (cls-bench list --parameters), "
                 "duration, seed, and entries such as squeeze[0].value"
             )
 
 
 def _fault(failure: ValidationError) -> str:
     """The first fault as ``key: what is wrong``."""
-    error = failure.errors(include_url=False)[0]
+    errors = failure.errors(include_url=False)
+    # A misspelt key is both unknown and missing: the first says more.
+    error = next((e for e in errors if e["type"] == "extra_forbidden"), errors[0])
     kinds = ("list", "range", "log_range", "uniform", "log_uniform", "normal")
     key = ""
     for part in error["loc"]:
         if part not in kinds:
             key += f"[{part}]" if isinstance(part, int) else f".{part}"
-    key = key.lstrip(".")
+    key = printable(key.lstrip("."))
     if error["type"] == "extra_forbidden":
-        return f"{key}: unknown key"
+        return f"{key}: unknown key" + (f"; {nearest(key, Sweep.model_fields)}" if len(error["loc"]) == 1 else "")
     if error["type"] == "missing":
         return f"{key}: missing"
     if error["type"] == "value_error":
         return f"{key}: {error['ctx']['error']}" if key else str(error["ctx"]["error"])
-    shown = json.dumps(error["input"], ensure_ascii=False, default=str)
-    return f"{key}: {shown[:60]} is not valid; {error['msg'][0].lower()}{error['msg'][1:]}"
+    if error["type"] == "too_long" and "actual_length" in error["ctx"]:
+        return f"{key}: has {error['ctx']['actual_length']} entries; at most {error['ctx']['max_length']} are valid"
+    return f"{key}: {shown(error['input'])} is not valid; {error['msg'][0].lower()}{error['msg'][1:]}"

@@ -13,6 +13,7 @@ import pyarrow.parquet as pq
 
 from cls_bench.analysis import metrics
 from cls_bench.bench import versions
+from cls_bench.claims import replaced
 from cls_bench.errors import OutputError
 from cls_bench.sweep.engine import Row, sources
 from cls_bench.sweep.plan import Plan
@@ -34,7 +35,7 @@ def to_table(plan: Plan, rows: Sequence[Row]) -> pa.Table:
         columns[axis.key] = _column(cells)
         fields.append(_field(axis.key, columns[axis.key].type, "", "axis"))
     columns["status"] = pa.array([row.values.get("status", ERROR) for row in rows], pa.string())
-    fields.append(_field("status", pa.string(), "", f"passed, failed, diverged, or {ERROR}"))
+    fields.append(_field("status", pa.string(), "", f"passed, failed, diverged, tripped, or {ERROR}"))
     for check in plan.checks:
         columns[check.name] = pa.array([row.values.get(check.name) for row in rows], pa.float64())
         fields.append(_field(check.name, pa.float64(), metrics.unit(check), check.metric))
@@ -63,7 +64,8 @@ def _column(cells: Sequence[Any]) -> pa.Array:
 def write_table(table: pa.Table, path: Path) -> None:
     """Write Parquet. Raises OutputError."""
     try:
-        pq.write_table(table, path, compression="zstd")
+        with replaced(path) as file:
+            pq.write_table(table, file, compression="zstd")
     except OSError as error:
         raise OutputError(f"cannot write {path}: {error.strerror or error}") from None
 

@@ -76,9 +76,13 @@ def _stage_parameters(scale: float) -> Parameters:
     great = 1e9
     damping_ratio = DAMPING / (2.0 * math.sqrt(STIFFNESS * INERTIA))
     stage = GearStage(stiffness=STIFFNESS, damping_ratio=damping_ratio, backlash=scale * GAP, drag=0.0, ripple=0.0)
-    return Parameters(
-        gearbox=Gearbox(input_inertia=great, carrier1_inertia=INERTIA, efficiency=1.0, stage1=stage, stage2=stage)
-    )
+    # A copy is not held to the bounds of a bench: the input stands for a wall.
+    gearbox = Gearbox().model_copy(
+        update={
+            "input_inertia": great, "carrier1_inertia": INERTIA, "efficiency": 1.0, "stage1": stage, "stage2": stage,
+        }
+    )  # fmt: skip
+    return Parameters().model_copy(update={"gearbox": gearbox})
 
 
 def gear_demo(subject: Subject) -> Iterator[Row]:

@@ -59,17 +59,21 @@ def demo_parameters() -> Parameters:
     driven back: 1 and 0.5.
     """
     stiffness = 3e9
-    stage = GearStage(stiffness=stiffness, damping_ratio=0.5, backlash=0.0, drag=0.0, ripple=0.0)
+    # Copies are not held to the bounds of a bench: the example's gears are a thousand times heavier.
+    stage = GearStage().model_copy(
+        update={"stiffness": stiffness, "damping_ratio": 0.5, "backlash": 0.0, "drag": 0.0, "ripple": 0.0}
+    )
     tiny = 1e-9
-    return Parameters(
-        motor=Motor(rotor_inertia=1.0 - tiny),
-        gearbox=Gearbox(
-            ratio=2.0, input_inertia=tiny, carrier1_inertia=1.5, efficiency=0.25, backdrive_loss_ratio=0.5,
-            breakaway_ratio=1.0, stribeck_velocity=1e-3, bristle_stiffness=stiffness,
-            bristle_damping=math.sqrt(stiffness), stage1=stage, stage2=stage,
-        ),
-        simulation=Simulation(substeps=64),
+    gearbox = Gearbox().model_copy(
+        update={
+            "ratio": 2.0, "input_inertia": tiny, "carrier1_inertia": 1.5, "efficiency": 0.25,
+            "backdrive_loss_ratio": 0.5, "breakaway_ratio": 1.0, "stribeck_velocity": 1e-3,
+            "bristle_stiffness": stiffness, "bristle_damping": math.sqrt(stiffness), "stage1": stage, "stage2": stage,
+        }
     )  # fmt: skip
+    motor = Motor().model_copy(update={"rotor_inertia": 1.0 - tiny})
+    parts = {"motor": motor, "gearbox": gearbox, "simulation": Simulation(substeps=64)}
+    return Parameters().model_copy(update=parts)
 
 
 def lossy_gear_demo(subject: Subject) -> Iterator[Row]:

@@ -9,7 +9,7 @@ import numpy as np
 from cls_bench.bench import Bench
 from cls_bench.errors import InputError
 from cls_bench.parameters import Parameters, Section
-from cls_bench.scenario import parse_scenario
+from cls_bench.scenario import Scenario, parse_scenario
 from cls_bench.verification.row import Row
 from cls_bench.verification.subject import Subject
 
@@ -81,6 +81,53 @@ def _number(default: float, bounds: tuple[float, float], draw: Draw, bold: float
     return round(value) if isinstance(default, int) else value
 
 
+def random_overrides(draw: Draw, most: int = 5) -> list[str]:
+    """Up to ``most`` parameters as ``KEY=VALUE``, each anywhere within its bounds, evenly or on a logarithmic scale."""
+    known = [(key, value, info) for key, value, info in _numeric(Parameters())]
+    chosen = {int(draw() * len(known)) for _ in range(1 + int(draw() * most))}
+    overrides = []
+    for number in sorted(chosen):
+        key, default, (low, high) = known[number]
+        if isinstance(default, bool):
+            overrides.append(f"{key}={str(draw() < 0.5).lower()}")
+            continue
+        share, way = draw(), draw()
+        if low > 0.0 and way < 0.7:
+            value = low * (high / low) ** share
+        elif way < 0.7:  # from nought: its magnitude over eight decades
+            value = math.copysign(max(high, -low) * 10.0 ** (-8.0 * share), low + draw() * (high - low))
+        else:
+            value = low + share * (high - low)
+        value = min(max(value, low), high - 1e-9 * (high - low))
+        overrides.append(f"{key}={round(value) if isinstance(default, int) else repr(value)}")
+    return overrides
+
+
+def _numeric(section: Section, prefix: str = "") -> Iterator[tuple[str, Any, tuple[float, float]]]:
+    for name, info in type(section).model_fields.items():
+        value = getattr(section, name)
+        if isinstance(value, Section):
+            yield from _numeric(value, f"{prefix}{name}.")
+        elif isinstance(value, int | float):
+            yield f"{prefix}{name}", value, _bounds(info.metadata)
+
+
+def accepted_trial(overrides: list[str]) -> str:
+    """Outcome of the trial's start with ``overrides``: ``"not accepted: …"``, or as :func:`trial`.
+
+    What a scenario accepts has to be built: a refusal there is ``"refused: …"``.
+    """
+    try:
+        scenario = parse_scenario(SCENARIO.replace("0.2", "0.06", 1).replace("0.15", "0.05"), set=overrides)
+    except InputError as error:
+        return f"not accepted: {error}"
+    try:
+        bench = Bench(scenario.parameters_at_start())
+    except InputError as error:
+        return f"refused: {error}"
+    return _outcome(bench, scenario)
+
+
 def trial(parameters: Parameters, seed: int) -> str:
     """Outcome of 0.2 s with ``parameters``: ``"ran"``, ``"refused: …"``, or what went wrong."""
     scenario = parse_scenario(SCENARIO)
@@ -88,6 +135,10 @@ def trial(parameters: Parameters, seed: int) -> str:
         bench = Bench(parameters, seed=seed)
     except InputError as error:
         return f"refused: {error}"
+    return _outcome(bench, scenario)
+
+
+def _outcome(bench: Bench, scenario: Scenario) -> str:
     try:
         for block in bench.run(scenario):
             for topic, rows in block:

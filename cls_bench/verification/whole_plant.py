@@ -128,7 +128,7 @@ def closed_loop(subject: Subject) -> Iterator[Row]:
             scenario.parameters_at_start().model_copy(update={"simulation": Simulation(substeps=substeps)})
         )
         blocks = Bench(p, seed=scenario.seed).run(scenario)
-        angles.append(np.concatenate([block.signals["/column"][:, 0] for block in blocks]))
+        angles.append(np.concatenate([block["/column.angle"] for block in blocks]))
     yield Row("convergence", "drive on, hand sweeps ±10°: worst deviation of the column angle, step 50 µs", "rad", 0.0,
               "the same at 6.25 µs", _worst(angles[0] - angles[1]), ALLOWED * travel, relative=False)  # fmt: skip
 

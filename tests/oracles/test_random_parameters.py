@@ -1,10 +1,11 @@
 """Parameters drawn by hypothesis within their bounds: each set runs, or is refused with a reason."""
 
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, reject, settings
 from hypothesis import strategies as st
 
-from cls_bench.verification.random_trials import random_parameters, trial
+from cls_bench.verification.random_trials import accepted_trial, random_overrides, random_parameters, trial
 
 
 def check(data: st.DataObject, bold: float) -> None:
@@ -36,3 +37,26 @@ def test_near_the_defaults(data: st.DataObject) -> None:
 @given(st.data())
 def test_far_from_the_defaults(data: st.DataObject) -> None:
     check(data, bold=0.1)
+
+
+def accepted(count: int, seed: int) -> None:
+    """``count`` sets of up to five parameters that a scenario accepts: each is built, and runs or says it diverges."""
+    rng = np.random.default_rng(seed)
+    tried = ran = 0
+    while ran < count:
+        overrides = random_overrides(rng.random)
+        outcome = accepted_trial(overrides)
+        tried += 1
+        if not outcome.startswith("not accepted"):
+            ran += 1
+            assert outcome == "ran" or outcome.startswith("DivergedError: diverged at t"), (overrides, outcome)
+    assert tried < 2.5 * count  # or the bounds would say little
+
+
+def test_what_a_scenario_accepts_can_be_run() -> None:
+    accepted(60, seed=1)
+
+
+@pytest.mark.slow
+def test_much_of_what_a_scenario_accepts_can_be_run() -> None:
+    accepted(500, seed=2)

@@ -1,0 +1,47 @@
+"""Limits of drive, PLC and sensors: who reached which, how often and how far.
+
+Nothing is limited here. The tick notes what was asked beyond a limit, so that no limit does its work unseen.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from cls_bench.compiled import compiled
+
+LIMITS = ("load_cell", "set_angle", "speed", "torque", "current", "voltage", "travel")
+"""Names, as those of the signals of ``/limits``."""
+
+LOAD_CELL, SET_ANGLE, SPEED, TORQUE, CURRENT, VOLTAGE, TRAVEL = range(len(LIMITS))
+
+STATE = np.dtype(
+    [
+        ("ticks", np.float64, (len(LIMITS),)),  # at the limit, since the last recorded row
+        ("peak", np.float64, (len(LIMITS),)),  # greatest amount asked for while at the limit; the log clears it
+        ("limit", np.float64, (len(LIMITS),)),  # the limit at that moment
+    ]
+)
+
+
+@compiled
+def note(watch: Any, which: int, asked: float, limit: float) -> None:
+    """Note a tick that was spent at a limit, where ``asked`` was beyond ``limit``; both are magnitudes."""
+    watch.ticks[which] += 1.0
+    if asked > watch.peak[which]:
+        watch.peak[which] = asked
+        watch.limit[which] = limit
+
+
+@compiled
+def compare(watch: Any, which: int, asked: float, limit: float) -> None:
+    """:func:`note` the tick if ``asked`` is beyond ± ``limit``."""
+    if abs(asked) > limit:
+        note(watch, which, abs(asked), limit)
+
+
+@compiled
+def share(watch: Any, which: int, ticks: int) -> float:
+    """Share of the last ``ticks`` ticks that were spent at a limit; counting starts anew."""
+    found = float(watch.ticks[which]) / ticks
+    watch.ticks[which] = 0.0
+    return found

@@ -1,0 +1,138 @@
+"""What the log of a run says of limits and trips, from what the tick noted."""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cls_bench.control.limits import LIMITS
+from cls_bench.control.plc import TRIPS
+from cls_bench.signals import PLC_TICKS, TICK_S, TOPIC, Event
+
+QUIET_TICKS = 250 * PLC_TICKS
+"""Ticks (0.1 s) without the limit after which its next occurrence is a new one."""
+
+DEGREES, SI = 180.0 / math.pi, 1.0
+
+
+class _Words(NamedTuple):
+    source: str
+    begins: str
+    """with the amount asked for and the limit"""
+    over: str
+    scale: float
+    unit: str
+
+
+_WORDS = {
+    "load_cell": _Words("load cell", "saturated: {} {} on a range of {} {}", "saturated", SI, "N"),
+    "set_angle": _Words("plc", "set angle held at the software limit: {} {} asked for, {} {} allowed",
+                        "set angle held at the software limit", DEGREES, "°"),
+    "speed": _Words("drive", "speed limit: {} {} asked for, {} {} allowed", "at the speed limit", SI, "rad/s"),
+    "torque": _Words("drive", "torque limit: {} {} asked for, {} {} allowed", "at the torque limit", SI, "N·m"),
+    "current": _Words("drive", "current limit: {} {} asked for, {} {} allowed", "at the current limit", SI, "A"),
+    "voltage": _Words("drive", "voltage limit: {} {} asked for, {} {} there", "at the voltage limit", SI, "V"),
+    "travel": _Words("column", "beyond its travel: {} {}, travel {} {}", "beyond its travel", DEGREES, "°"),
+}  # fmt: skip
+
+
+class Trip(NamedTuple):
+    """The PLC switched the drive off."""
+
+    tick: int
+    reason: str
+    """one of :data:`cls_bench.control.plc.TRIPS`"""
+    message: str
+
+    @property
+    def time(self) -> float:
+        """Time since the start of the run [s]."""
+        return self.tick * TICK_S
+
+    @property
+    def event(self) -> Event:
+        """What the log says of it."""
+        return Event(self.tick, "error", "safety", self.message)
+
+
+_TRIPPED = "safe torque off: "
+_TRIP_TEXTS = {
+    "limit_switch": "limit switch open",
+    "following_error": "following error too large",
+    "invalid_value": "{} is not a finite number",
+}
+
+
+def trip(tick: int, reason: int, invalid: str) -> Trip:
+    """The trip of number ``reason`` in the PLC; ``invalid`` names the number that was not finite, if that was why."""
+    return Trip(tick, TRIPS[reason], _TRIPPED + _TRIP_TEXTS[TRIPS[reason]].format(invalid))
+
+
+def trip_of(event: Event) -> Trip | None:
+    """The trip back from its event; None if the event is none."""
+    if (event.level, event.source) != ("error", "safety") or not event.message.startswith(_TRIPPED):
+        return None
+    for reason, text in _TRIP_TEXTS.items():
+        if event.message.endswith(text.removeprefix("{}")):
+            return Trip(event.tick, reason, event.message)
+    return None
+
+
+class _Episode(NamedTuple):
+    first: int
+    last: int
+    ticks: float
+    peak: float
+
+
+class LimitLog:
+    """Makes events of the rows of ``/limits``: a warning when a limit is reached, a line when that is over."""
+
+    def __init__(self) -> None:
+        self._open: dict[str, _Episode] = {}
+
+    def read(self, first_tick: int, end_tick: int, rows: NDArray[np.float64], watch: Any) -> list[Event]:
+        """Events of the block whose ``/limits`` are ``rows``; clears the amounts in ``watch``."""
+        events: list[Event] = []
+        if rows.any() or self._open:
+            start = -(-first_tick // PLC_TICKS) * PLC_TICKS
+            for number, name in enumerate(TOPIC["/limits"].names):
+                peak, limit = float(watch.peak[number]), float(watch.limit[number])
+                self._read(name, start, rows[:, number], peak, limit, events)
+                if name in self._open and self._open[name].last + QUIET_TICKS < end_tick:
+                    events.append(self._end(name, self._open[name].last + QUIET_TICKS))
+        watch.peak[:] = 0.0
+        return events
+
+    def finish(self, last_tick: int) -> list[Event]:
+        """Events of what goes on when the run ends."""
+        return [self._end(name, last_tick) for name in tuple(self._open)]
+
+    def _read(
+        self, name: str, start: int, shares: NDArray[np.float64], peak: float, limit: float, events: list[Event]
+    ) -> None:
+        for row in np.flatnonzero(shares).tolist():
+            tick, ticks = start + row * PLC_TICKS, float(shares[row]) * PLC_TICKS
+            going_on = self._open.get(name)
+            if going_on is not None and tick - going_on.last > QUIET_TICKS:
+                events.append(self._end(name, going_on.last + QUIET_TICKS))
+                going_on = None
+            if going_on is None:
+                words = _WORDS[name]
+                amounts = (_number(peak * words.scale), words.unit, _number(limit * words.scale), words.unit)
+                events.append(Event(tick, "warning", words.source, words.begins.format(*amounts)))
+                going_on = _Episode(tick, tick, 0.0, 0.0)
+            self._open[name] = _Episode(going_on.first, tick, going_on.ticks + ticks, max(peak, going_on.peak))
+
+    def _end(self, name: str, tick: int) -> Event:
+        episode, words = self._open.pop(name), _WORDS[name]
+        text = f"{words.over} for {episode.ticks * TICK_S:.4g} s since t = {episode.first * TICK_S:.4f} s, "
+        return Event(tick, "info", words.source, f"{text}at most {_number(episode.peak * words.scale)} {words.unit}")
+
+
+def _number(value: float) -> str:
+    return f"{value:.4g}"
+
+
+assert TOPIC["/limits"].names == LIMITS

@@ -1,0 +1,148 @@
+"""Reading TOML text, and placing overrides ``KEY=VALUE`` in what was read.
+
+The text is looked over before it is parsed: what a person writes is small and flat, and a parser can be made to take
+minutes and gigabytes over a few kilobytes that are not.
+"""
+
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from cls_bench.errors import InputError
+from cls_bench.scenario.faults import printable
+from cls_bench.scenario.files import read_file
+
+MOST_BYTES = 1_000_000
+"""Largest TOML file [B]."""
+
+MOST_PARTS, DEEPEST, LONGEST_WORD = 10, 10, 200
+"""Parts of a dotted key, brackets within brackets, and characters of a key or number."""
+
+LONGEST_OVERRIDE = 10_000
+"""Characters of an override."""
+
+_TOKEN = re.compile(
+    r"""
+      (?P<comment> \#[^\n]*)
+    | (?P<text> \"{3} (?: [^"\\] | \\. | "{1,2}(?!") )*+ "{3,5} | '{3} (?: [^'] | '{1,2}(?!') )*+ '{3,5}
+              | " (?: [^"\\\n] | \\[^\n] )*+ " | ' [^'\n]*+ ')
+    | (?P<word> [A-Za-z0-9_+\-]+)
+    | (?P<dot> \.) | (?P<open> [\[{]) | (?P<close> [\]}]) | (?P<blank> [ \t]+) | (?P<broken> ["'])
+    | (?P<other> .)
+    """,
+    re.VERBOSE | re.DOTALL,
+)
+
+
+def read_toml(path: Path, file: str) -> tuple[bytes, dict[str, Any]]:
+    """Content and table of a TOML file, called ``file`` in messages. Raises InputError and OSError."""
+    source = read_file(path, MOST_BYTES)
+    return source, parse_toml(source, file)
+
+ENTRIES = ("hand", "squeeze", "changes", "checks", "expected_trips")
+"""Arrays of tables, whose entries an override can name."""
+
+
+def parse_toml(source: bytes, file: str) -> dict[str, Any]:
+    """The table in ``source``. Raises InputError with the line that is broken."""
+    if len(source) > MOST_BYTES:
+        raise InputError(f"{file}: {len(source)} bytes are more than the {MOST_BYTES} that are read")
+    try:
+        text = source.decode()
+    except UnicodeDecodeError as error:
+        line = source.count(b"\n", 0, error.start) + 1
+        raise InputError(f"{file}: line {line}: not UTF-8 text") from None
+    if excess := _excess(text):
+        raise InputError(f"{file}: {excess}")
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        match = re.match(r"(.*) \(at (.*)\)$", str(error), re.DOTALL)
+        problem, place = match.groups() if match else (str(error), "end of document")
+        if place == "end of document":
+            lines = text.split("\n")
+            place = f"line {len(lines)}, column {len(lines[-1]) + 1}"
+        raise InputError(f"{file}: {place}: broken TOML: {printable(problem, 200)}") from None
+    except ValueError as error:  # such as a time that does not exist
+        raise InputError(f"{file}: broken TOML: {printable(str(error), 200)}") from None
+
+
+def _excess(text: str) -> str:
+    """What is larger in ``text`` than a person would write, with its line; empty if nothing is."""
+    parts, depth, dotted = 0, 0, False
+    for token in _TOKEN.finditer(text):
+        kind = token.lastgroup
+        if kind in ("blank", "comment"):
+            continue
+        if kind == "broken":
+            break  # the parser stops here too, and says why
+        found = ""
+        if kind in ("word", "text"):
+            parts = parts + 1 if dotted else 1
+            dotted = False
+            if parts > MOST_PARTS:
+                found = f"a key of more than {MOST_PARTS} parts"
+            elif kind == "word" and token.end() - token.start() > LONGEST_WORD:
+                found = f"a key or number of {token.end() - token.start()} characters; {LONGEST_WORD} are read at most"
+        elif kind == "dot":
+            dotted = True
+        else:
+            parts, dotted = 0, False
+            depth += (kind == "open") - (kind == "close" and depth > 0)
+            if depth > DEEPEST:
+                found = f"more than {DEEPEST} brackets within each other"
+        if found:
+            return f"line {text.count(chr(10), 0, token.start()) + 1}: {found}"
+    return ""
+
+
+def place_override(table: dict[str, Any], entry: str) -> str:
+    """Put the override ``KEY=VALUE`` into ``table``; returns its full key. InputError if it cannot be read."""
+    key, equals, text = entry.partition("=")
+    key, text = key.strip(), text.strip()
+    entry, value = (printable(" ".join(part.split())) for part in (entry[:LONGEST_OVERRIDE], text[:LONGEST_OVERRIDE]))
+    if not equals or not key or not text:
+        raise InputError(f"--set {entry}: not of the form KEY=VALUE, such as feel.inertia=0.25")
+    if len(key) + len(text) > LONGEST_OVERRIDE:
+        raise InputError(f"--set {entry}: longer than the {LONGEST_OVERRIDE} characters that are read")
+    if key.count(".") >= MOST_PARTS:
+        raise InputError(f"--set {entry}: a key of more than {MOST_PARTS} parts")
+    parsed: dict[str, Any] = {}
+    if re.fullmatch(r"[A-Za-z_]\w*", text) and text not in ("true", "false", "inf", "nan"):
+        parsed = {"value": text}
+    else:
+        try:
+            parsed = parse_toml(f"value = {text}".encode(errors="surrogatepass"), "")
+        except InputError as error:
+            if "broken TOML" not in str(error) and "not UTF-8" not in str(error):
+                raise InputError(f"--set {entry}: {str(error).rpartition(': ')[2]}") from None
+    if list(parsed) != ["value"]:
+        raise InputError(f'--set {entry}: {value} is not a TOML value, such as 0.25, true or "velocity"')
+    if match := re.fullmatch(r"(\w+)\[(\d{1,6})\]\.(.+)", key):
+        table = _entry(table, match[1], int(match[2]))
+        *parents, last = match[3].split(".")
+    else:
+        if key not in ("duration", "seed") and not key.startswith("record."):
+            key = "parameters." + key.removeprefix("parameters.")
+        *parents, last = key.split(".")
+    for parent in parents:
+        inner = table.setdefault(parent, {})
+        if not isinstance(inner, dict):  # left as it is: the check of the table says what is wrong with it
+            return key
+        table = inner
+    table[last] = parsed["value"]
+    return key
+
+
+def _entry(table: dict[str, Any], name: str, number: int) -> dict[str, Any]:
+    """An entry of an array of tables, such as ``squeeze[0]``. Raises InputError unless it is there."""
+    name = printable(name)
+    if name not in ENTRIES:
+        raise InputError(f"--set {name}[{number}]: {name} has no entries; valid: {', '.join(ENTRIES)}")
+    entries = table.get(name, [])
+    count = len(entries) if isinstance(entries, list) else 0
+    entry = entries[number] if number < count else None
+    if not isinstance(entry, dict):
+        raise InputError(f"--set {name}[{number}]: the scenario has {count} entries of {name}, counted from 0")
+    return entry

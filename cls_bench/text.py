@@ -1,0 +1,18 @@
+"""Text that comes from files, made fit for a terminal and a page."""
+
+import unicodedata
+
+LONGEST = 10_000
+"""Characters of one text that are shown."""
+
+
+def printable(text: str, longest: int = LONGEST) -> str:
+    """``text`` on one line, without what a terminal would obey: control and format characters, lone surrogates.
+
+    White space becomes blanks, all else of that kind U+FFFD; what is longer than ``longest`` is cut.
+    """
+    shown = "".join(
+        " " if char.isspace() else "\N{REPLACEMENT CHARACTER}" if unicodedata.category(char)[0] == "C" else char
+        for char in text[: longest + 1]
+    )
+    return shown if len(shown) <= longest else f"{shown[:longest]}…"

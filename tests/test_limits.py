@@ -1,0 +1,296 @@
+"""What limits and safety functions did is seen: events, shares of time, trips, invalid numbers, MuJoCo's warnings."""
+
+import math
+from pathlib import Path
+from typing import Any, get_args
+
+import mujoco
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from cls_bench import bench as bench_module
+from cls_bench import experiment
+from cls_bench.bench import Bench, Command, DivergedError
+from cls_bench.cli import main
+from cls_bench.control import plc, validity
+from cls_bench.parameters import Parameters, memory_of
+from cls_bench.recording import Recording
+from cls_bench.scenario import ExpectedTrip, parse_scenario
+from cls_bench.signals import TOPIC
+from cls_bench.tick import STATE
+from tests.running import Run, run
+
+STEP = 'hand = [{at = 0.0, kind = "hold", angle_deg = 0.0}, {at = 0.02, kind = "step", to_deg = 12.0}]'
+PUSHED = 'hand = [{at = 0.0, kind = "step", to_N = 900.0}]'
+HELD = 'hand = [{at = 0.0, kind = "hold", angle_deg = 0.0}]'
+LIMITS = TOPIC["/limits"].names
+
+
+class Jumps:
+    """A loop that asks for an absurd angle after a while."""
+
+    def __init__(self, angle: float, at: float = 0.05):
+        self.angle, self.at = angle, at
+
+    def step(self, inputs: Any) -> Command:
+        return Command(self.angle if inputs.time >= self.at else inputs.angle)
+
+
+def reached(r: Run) -> set[str]:
+    return {name for name in LIMITS if r[f"/limits.{name}"].any()}
+
+
+def warnings_of(r: Run, source: str) -> list[str]:
+    return [event.message for event in r.events if event.level == "warning" and event.source == source]
+
+
+# --- limits ----------------------------------------------------------------------------------------------------------
+
+
+def test_a_quiet_run_reaches_none():
+    r = run(HELD)
+    assert reached(r) == set()
+    assert r.events == []
+
+
+def test_a_saturated_load_cell_says_how_far_and_how_long():
+    r = run(STEP, set=["load_cell.capacity=20.0"], duration=0.5)
+    full = 2.0**23
+    at_end = (r["/load_cell.counts"] >= full - 1) | (r["/load_cell.counts"] <= -full)
+    assert at_end.any()
+    # Each row is the share of the eight ticks up to its own.
+    shares = np.convolve(at_end, np.ones(8))[: len(at_end)][::8] / 8.0
+    np.testing.assert_array_equal(r["/limits.load_cell"], shares)
+    (message, *_) = warnings_of(r, "load cell")
+    assert message.startswith("saturated: ")
+    assert message.endswith(" N on a range of 20 N")
+    first = next(event for event in r.events if event.source == "load cell")
+    assert first.tick == 8 * np.flatnonzero(shares)[0]
+    over = [event for event in r.events if event.source == "load cell" and event.level == "info"]
+    seconds = sum(float(event.message.split("for ")[1].split(" s")[0]) for event in over)
+    assert seconds == pytest.approx(at_end[: 8 * (len(shares) - 1) + 1].sum() * 5e-5, rel=1e-3)
+    peak = max(float(event.message.split("at most ")[1].split()[0]) for event in over)
+    assert peak == pytest.approx(np.abs(r["/load_cell.force"])[at_end].max(), rel=1e-3)
+
+
+@pytest.mark.parametrize(("limit", "override", "signal", "value", "scale"), [
+    ("speed", "drive.speed_limit=20.0", "/drive.set_velocity", 20.0, 1.0),
+    ("torque", "drive.torque_limit=0.2", "/drive.torque_command", 0.2, 1.0),
+    ("current", "drive.peak_current=0.5", "/drive.current", 0.5, 1.0),
+    ("voltage", "drive.dc_bus_voltage=20.0", "/drive.voltage", 20.0 * math.sqrt(1.5) * 0.883, 1.0),
+])  # fmt: skip
+def test_a_limit_of_the_drive_is_seen(limit, override, signal, value, scale):
+    r = run(STEP, set=[override, "plc.following_error_limit=3.0"], duration=0.3)
+    shares = r[f"/limits.{limit}"]
+    assert 0.0 < shares.mean() < 1.0
+    assert (shares <= 1.0).all()
+    assert any(message.startswith(f"{limit} limit: ") for message in warnings_of(r, "drive"))
+    held = np.abs(r[signal]) >= 0.98 * value
+    assert held.mean() == pytest.approx(shares.mean(), abs=0.1)
+
+
+def test_the_continuous_current_is_a_limit_once_i2t_is_full():
+    r = run(STEP, set=["drive.continuous_current=0.01"], duration=0.3)
+    assert any("current limit" in message for message in warnings_of(r, "drive"))
+    assert r["/limits.current"].any()
+
+
+def test_a_column_beyond_its_travel_is_seen():
+    r = run(PUSHED, duration=0.3)
+    beyond = np.abs(r["/column.angle"]) > 20.0 * math.pi / 180.0
+    shares = np.convolve(beyond, np.ones(8))[: len(beyond)][::8] / 8.0
+    np.testing.assert_array_equal(r["/limits.travel"], shares)
+    assert warnings_of(r, "column")[0].startswith("beyond its travel: ")
+
+
+def test_a_set_angle_beyond_the_software_limit_is_seen():
+    r = run(controller=Jumps(0.6), set=["plc.following_error_limit=1.0"], duration=0.2)
+    assert r["/limits.set_angle"].any()
+    assert warnings_of(r, "plc") == ["set angle held at the software limit: 34.38 ° asked for, 22.5 ° allowed"]
+
+
+def test_a_limit_reached_again_soon_is_one_event(monkeypatch):
+    """Chatter would fill the log; how the run is cut into blocks does not matter."""
+    text, options = STEP, {"set": ["drive.torque_limit=0.2", "plc.following_error_limit=3.0"], "duration": 0.5}
+    whole = run(text, **options)
+    shares = whole["/limits.torque"]
+    assert (np.diff((shares > 0).astype(int)) == 1).sum() > 3
+    assert len(warnings_of(whole, "drive")) <= 3
+    monkeypatch.setattr(bench_module, "BLOCK_TICKS", 400)
+    cut = run(text, **options)
+    assert cut.same_samples(whole)
+    assert [(e.tick, e.level) for e in cut.events] == [(e.tick, e.level) for e in whole.events]
+    assert cut.events[-1] == whole.events[-1]
+
+
+# --- trips -----------------------------------------------------------------------------------------------------------
+
+
+def test_reasons_of_the_scenario_are_those_of_the_plc():
+    assert (*plc.TRIPS[1:], "any") == get_args(ExpectedTrip.model_fields["reason"].annotation)
+
+
+def scenario_of(text: str, duration: float = 0.3) -> Any:
+    return parse_scenario(f'title = "t"\nduration = {duration}\n{text}')
+
+
+@pytest.mark.parametrize(("text", "status", "message"), [
+    (PUSHED, "tripped", "safe torque off: limit switch open"),
+    (PUSHED + '\nexpected_trips = [{reason = "limit_switch", window = [0.0, 0.3]}]', "passed", ""),
+    (PUSHED + '\nexpected_trips = [{reason = "any", window = [0.0, 0.3]}]', "passed", ""),
+    (PUSHED + '\nexpected_trips = [{reason = "following_error", window = [0.0, 0.3]}]', "tripped", "limit switch open"),
+    (PUSHED + '\nexpected_trips = [{reason = "limit_switch", window = [0.2, 0.3]}]', "tripped", "limit switch open"),
+    (HELD, "passed", ""),
+    (HELD + '\nexpected_trips = [{reason = "limit_switch", window = [0.0, 0.3]}]', "failed",
+     "expected trip did not come: limit_switch from 0 to 0.3 s"),
+])  # fmt: skip
+def test_a_trip_that_is_not_expected_is_a_status(tmp_path, text, status, message):
+    result = experiment.run(scenario_of(text), out=tmp_path, rerun=False)
+    assert result.status == status
+    assert message in result.message
+    assert result.exit_code == {"passed": 0, "failed": 1, "tripped": 4}[status]
+    trips = [e for e in result.events if e.source == "safety"]
+    assert len(trips) == (1 if "900" in text else 0)
+    assert Recording(result.mcap).status == ("complete" if status == "passed" else status)
+
+
+def test_the_command_line_says_it_and_its_exit_code_is_4(tmp_path):
+    path = tmp_path / "trip.toml"
+    path.write_text(f'title = "t"\nduration = 0.2\n{PUSHED}')
+    shown = CliRunner().invoke(main, ["run", str(path), "--out", str(tmp_path), "--no-rerun"])
+    assert shown.exit_code == 4
+    assert "TRIPPED at t = 0.0" in shown.stdout
+    assert "warning: load cell at t = " in shown.stdout
+    assert "error: safety at t = " in shown.stdout
+    assert "4 warnings, 1 errors" in " ".join(shown.stdout.split())
+    import json
+
+    answer = json.loads(CliRunner().invoke(
+        main, ["run", str(path), "--out", str(tmp_path), "--no-rerun", "--json"]
+    ).stdout)  # fmt: skip
+    assert answer["status"] == "tripped"
+    assert [e["level"] for e in answer["events"]].count("error") == 1
+    assert answer["events"][0]["source"] == "load cell"
+
+
+def test_a_users_loop_that_commands_absurd_values_does_not_pass(tmp_path):
+    for angle in (1e300, -1e300, 1e9):
+        result = experiment.run(scenario_of(HELD), out=tmp_path, rerun=False, controller=Jumps(angle))
+        assert result.status == "tripped"
+
+
+# --- invalid numbers -------------------------------------------------------------------------------------------------
+
+
+def blocks(bench: Bench, text: str = HELD) -> Any:
+    return bench.run(scenario_of(text, 1.0))
+
+
+PARAMETERS = [name for name, _ in validity.names(memory_of(Parameters()).dtype)]
+STATES = [name for name, _ in validity.names(STATE)]
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+@pytest.mark.parametrize("name", ["feel.stiffness", "drive.torque_limit", "plc.following_error_limit", "limb.mass"])
+def test_an_invalid_parameter_trips_within_a_cycle_and_is_named(name, value):
+    bench = Bench(Parameters())
+    run = blocks(bench)
+    start = next(run).end_tick
+    section, key = name.split(".")
+    bench._record[section][key] = value
+    block = next(run)
+    assert [(t.tick, t.reason) for t in bench.trips] == [(start, "invalid_value")]
+    assert block.events[-1].message == f"safe torque off: {name} is not a finite number"
+    assert all(np.isfinite(rows).all() for rows in block.signals.values())
+    assert not block["/drive.voltage"][1:].any()
+
+
+def test_every_parameter_is_watched():
+    bench = Bench(Parameters())
+    numbers = bench._watched.parameters
+    for k, name in enumerate(PARAMETERS):
+        kept = numbers.values[numbers.places[k]]
+        numbers.values[numbers.places[k]] = math.nan
+        assert validity.first_invalid(numbers) == k, name
+        numbers.values[numbers.places[k]] = kept
+    assert validity.first_invalid(numbers) == -1
+    assert {"feel.stiffness", "feel.aft_limit.angle", "drive.set_torque", "limb.mass"} <= set(PARAMETERS)
+
+
+@pytest.mark.parametrize("name", sorted(set(STATES)))
+def test_an_invalid_number_in_the_controllers_memory_trips(name):
+    bench = Bench(Parameters())
+    run = blocks(bench)
+    start = next(run).end_tick
+    names = [n for n, _ in validity.names(STATE)]
+    numbers = bench._numbers
+    for k in (k for k, other in enumerate(names) if other == name):  # all places of a latch
+        numbers.values[numbers.places[k]] = math.nan
+    block = next(run)
+    assert [(t.tick, t.reason) for t in bench.trips] == [(start, "invalid_value")]
+    assert block.events[-1].message == f"safe torque off: {name} is not a finite number"
+    assert all(np.isfinite(rows).all() for rows in block.signals.values())
+
+
+def test_what_becomes_invalid_within_a_cycle_trips_in_it():
+    """Sound numbers whose law gives an infinite one: the drive must not be asked for it."""
+    r = run(controller=Jumps(0.0), set=["plc.following_error_limit=0.5"], duration=0.2)
+    assert r.events == []
+
+    class Overflows:
+        def step(self, inputs: Any) -> Command:
+            return Command(0.0, 0.0, 0.0, 1e308) if inputs.time > 0.05 else Command(0.0)
+
+    r = run(controller=Overflows(), duration=0.2, set=["linkage.crank=0.11"])
+    assert all(np.isfinite(rows).all() for rows in r.signals.values())
+    assert [event.level for event in r.events if event.source != "safety"]
+
+
+# --- MuJoCo ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("what", ["qpos", "qvel", "ctrl"])
+def test_any_warning_of_mujoco_makes_the_run_diverged(what):
+    """MuJoCo warns once of a kind and goes on with other numbers; the run must not."""
+    bench = Bench(Parameters())
+    run = blocks(bench)
+    next(run)
+    getattr(bench.data, what)[:] = 1e30 if what != "ctrl" else math.nan
+    if what == "ctrl":  # written anew each tick: a state MuJoCo meets through the activation
+        bench.data.act[:] = math.nan
+    with pytest.raises(DivergedError) as raised:
+        next(run), next(run)
+    assert "MuJoCo warned" in raised.value.cause or "velocity of joint" in raised.value.cause
+
+
+def test_a_warning_alone_is_enough(monkeypatch):
+    bench = Bench(Parameters())
+    run = blocks(bench)
+    next(run)
+    step = bench._advance
+
+    def warns(*arguments: Any) -> int:
+        bench_module._hear("one of MuJoCo's many warnings")
+        return step(*arguments)
+
+    monkeypatch.setattr(bench, "_advance", warns)
+    block = next(run)
+    assert (block.events[-1].level, block.events[-1].source) == ("error", "simulation")
+    with pytest.raises(DivergedError, match="MuJoCo warned: one of MuJoCo's many warnings"):
+        next(run)
+    assert mujoco.__version__
+
+
+# --- metrics ---------------------------------------------------------------------------------------------------------
+
+
+def test_shares_of_time_are_metrics(tmp_path: Path):
+    checks = "".join(
+        f'[[checks]]\nname = "{name}"\nmetric = "{name}_limited_share"\nwindow = [0.0, 0.3]\n' for name in LIMITS
+    )
+    result = experiment.run(scenario_of(f"{PUSHED}\n{checks}"), out=tmp_path, rerun=False)
+    r = run(PUSHED, duration=0.3)
+    for name in LIMITS:
+        assert result[name] == pytest.approx(float(r[f"/limits.{name}"].mean()), abs=1e-12)
+    assert result["travel"] > 0.5
