@@ -261,12 +261,21 @@ class _Beside:
             spec.loader = self._loader(name, spec.loader.path)
         return spec
 
+    def _comes_first(self, name: str, importer: Mapping[str, Any]) -> bool:
+        """Whether what lies beside is meant by ``name``, and not what is installed."""
+        own = importer.get("__name__") == f"{self._package}.{name}" and "__path__" not in importer
+        if own or name == "cls_bench":  # no file means itself
+            return False
+        if f"{self._package}.{name}" in self._files:  # the controller's own: only if there is nothing else it could be
+            return name not in sys.modules and importlib.util.find_spec(name) is None
+        return _stands_in(self._folder, name)
+
     def _loader(self, name: str, file: str) -> "_Loader":
         return _Loader(name, file, self._builtins, self._loaded)
 
     def _import(self, name: str, globals: Any = None, locals: Any = None, fromlist: Any = (), level: int = 0) -> Any:
         top = name.partition(".")[0]
-        if level == 0 and (_stands_in(self._folder, top) or f"{self._package}.{top}" in self._files):
+        if level == 0 and self._comes_first(top, globals or {}):
             inside = builtins.__import__(f"{self._package}.{name}", globals, locals, fromlist or (), 0)
             return inside if fromlist else sys.modules[f"{self._package}.{top}"]
         return builtins.__import__(name, globals, locals, fromlist or (), level)

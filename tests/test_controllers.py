@@ -69,8 +69,9 @@ class Loop:
 @pytest.mark.parametrize("name", ["json", "control", "tick", "queue", "numpy", "cls_bench", "my-loop", "a.b"])
 def test_no_name_hides_another_or_is_hidden(tmp_path, name):
     installed = sys.modules.get(name)
-    loop = made(tmp_path, STILL + "    mine = True\n", file=f"{name}.py")
-    assert loop.mine
+    (tmp_path / "helper.py").write_text("import json\n")
+    loop = made(tmp_path, "import json, helper, numpy\n" + STILL + "    mine = json, helper.json\n", file=f"{name}.py")
+    assert loop.mine == (json, json)
     assert sys.modules.get(name) is installed
 
 
@@ -125,7 +126,8 @@ def test_arguments_are_toml():
 
 
 @pytest.mark.parametrize("place", ["loop.py", ":Loop", "none.py:Loop", "no_such_module:Loop", "json:Nope",
-                                   "loop.py:Nope", "loop.py:a b", "os.path.nope:Loop", "/:Loop", "\0.py:Loop"])  # fmt: skip
+                                   "loop.py:Nope", "loop.py:a b", "os.path.nope:Loop", "/:Loop",
+                                   "\0.py:Loop"])  # fmt: skip
 def test_a_controller_that_is_not_there_is_bad_input(tmp_path, place):
     (tmp_path / "loop.py").write_text(STILL)
     with pytest.raises(InputError) as caught:
@@ -269,7 +271,7 @@ def test_a_recording_that_was_cut_is_closed(tmp_path):
     content = result.mcap.read_bytes()
     rows = len(result.recording().read("/column"))
     cut = tmp_path / "cut.mcap"
-    cut.write_bytes(content[: content.rindex(b"result") - 20])
+    cut.write_bytes(content[: content.index(b"result") - 20])
     assert close_cut(cut, "controller_failed")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
