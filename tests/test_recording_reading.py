@@ -392,7 +392,8 @@ def test_arguments_are_looked_at_before_libraries(run: Path) -> None:
     for arguments, said in (
         (("missing.mcap",), "missing.mcap: no such file"),
         ((run, "--at", 9), "ends at 0.42 s; there is nothing at 9 s"),
-        ((run, "--camera", "moon"), "valid: bench, side, pilot, drive"), ((run, "--at", "nan"), "nan is not a finite number"),
+        ((run, "--camera", "moon"), "valid: bench, side, pilot, drive"),
+        ((run, "--at", "nan"), "nan is not a finite number"),
         ((run, "--video", "--from", 0.3, "--to", 0.2), "must start before it ends"),
         ((run, "--video", "--to", 7), "there is nothing at 7 s"), ((run.parent,), "it is a folder"),
     ):  # fmt: skip
