@@ -117,7 +117,7 @@ TAMPERING = {
         "from dataclasses import replace",
         "if self.n == 300:",
         "    was = e.measure",
-        "    e.measure = lambda *a: tuple(replace(c, value=0.0) for c in was(*a))",
+        "    e.measure = lambda *a, **k: tuple(replace(c, value=0.0) for c in was(*a, **k))",
         "return Command(0.0)",
     ),
     "changes numpy": _in_step("np.max = np.mean = np.zeros = np.concatenate = None", "return Command(0.0)"),

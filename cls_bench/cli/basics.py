@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cls_bench.cli.failures import say
-from cls_bench.cli.options import SEED, GivenController, controller_options
+from cls_bench.cli.options import SEED, FiniteRange, GivenController, controller_options
 from cls_bench.cli.output import print_json, print_notes, print_result, print_table, print_term, progress_bar
 from cls_bench.errors import one_line
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 @click.option("--rerun/--no-rerun", default=True, help="Also write a Rerun file (.rrd).  [default: rerun]")
 @click.option("--signals", metavar="/TOPIC.NAME,…", multiple=True,
               help="Record these signals only, such as /column.angle,/load_cell.*; checks are measured all the same.")
-@click.option("--rate", type=float, metavar="HZ", help="Record them at this rate at most, such as 1000.")
+@click.option("--rate", type=FiniteRange(1, 20000), metavar="HZ", help="Record them at this rate at most, such as 1000.")
 @click.option("--poses/--no-poses", default=None, help="Also record the bench in motion.  [default: poses]")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of tables.")
 @click.option("--view", is_flag=True, help="Open the recording in the Rerun viewer afterwards.")

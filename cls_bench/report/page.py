@@ -299,7 +299,7 @@ def _command(run: RecordedRun) -> str:
         if "controller.arguments" not in about:
             notes.append(f"the controller was the object {one_line(name)} of a program{digest}: see the attachment")
         else:
-            arguments = _arguments(about["controller.arguments"])
+            arguments = _arguments(run.recording.metadata["controller.arguments"])
             if place is None or (place.module, place.name, dict(place.arguments)) != (source, name, arguments):
                 words += ["--controller", f"{source}:{name}"]
                 for key, value in arguments.items():
