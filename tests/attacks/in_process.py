@@ -104,18 +104,16 @@ def call_here(*arguments: str | Path, folder: Path) -> tuple[int, str, str]:
 @contextlib.contextmanager
 def fake_viewer(folder: Path) -> Iterator[Path]:
     """A viewer that keeps a copy of what it is to show; its path is handed out."""
-    shown, programs = folder / "shown.rrd", folder / "bin"
-    programs.mkdir(exist_ok=True)
-    script = (
-        f'#!/bin/sh\nfor file in "$@"; do case "$file" in *.rrd) cp "$file" {shlex.quote(str(shown))};; esac; done\n'
-    )
-    (programs / "rerun").write_text(script)
-    (programs / "rerun").chmod(0o755)
-    (programs / "python").symlink_to(sys.executable)  # libraries ask it about the system
-    before, sys.executable = sys.executable, str(programs / "python")
+    from cls_bench.recording import rerun_process
+
+    shown, program = folder / "shown.rrd", folder / "rerun"
+    program.write_text(f'#!/bin/sh\nexec cp "$1" {shlex.quote(str(shown))}\n')
+    program.chmod(0o755)
     os.environ["DISPLAY"] = ":99"
+    before = rerun_process.program
+    rerun_process.program = lambda: program
     try:
         yield shown
     finally:
-        sys.executable = before
+        rerun_process.program = before
         os.environ.pop("DISPLAY")

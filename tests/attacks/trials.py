@@ -155,14 +155,24 @@ class Process:
             time.sleep(0.02)
         Process.largest_mb = max(Process.largest_mb, self._peak)
         seconds = time.monotonic() - self._start
-        left_behind = False
+        ended_by_us = hung or self._peak > 2 * MOST_MB
+        left_behind = not ended_by_us and self._outlived()
         with contextlib.suppress(ProcessLookupError):
             os.killpg(self.process.pid, signal.SIGKILL)
-            left_behind = not hung and self._peak <= 2 * MOST_MB
         for reader in self._readers:
             reader.join(10.0)
         out, err = (bytes(self._kept[name]).decode(errors="replace") for name in ("out", "err"))
         return Ended(code, out, err, seconds, self._peak, hung, left_behind, self.command)
+
+    def _outlived(self) -> bool:
+        """Whether a process of its group is still there after a while: one that ends just now is not left behind."""
+        for _ in range(100):
+            try:
+                os.killpg(self.process.pid, 0)
+            except ProcessLookupError:
+                return False
+            time.sleep(0.05)
+        return True
 
     def _poll(self) -> int | None:
         if self.process.returncode is None:
