@@ -1,6 +1,7 @@
 """What several test files share."""
 
 import functools
+import signal
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
@@ -11,6 +12,11 @@ from cls_bench.experiment import Result, run
 from tests import needs
 
 needs.put_out_of_reach()
+
+# A shell starts what runs behind it with these ignored, and so would be all that the tests start and interrupt.
+for _number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+    if signal.getsignal(_number) is signal.SIG_IGN:
+        signal.signal(_number, signal.default_int_handler if _number == signal.SIGINT else signal.SIG_DFL)
 
 Runner = Callable[..., Result]
 
