@@ -32,7 +32,8 @@ if TYPE_CHECKING:
 @click.option("--rerun/--no-rerun", default=True, help="Also write a Rerun file (.rrd).  [default: rerun]")
 @click.option("--signals", metavar="/TOPIC.NAME,…", multiple=True,
               help="Record these signals only, such as /column.angle,/load_cell.*; checks are measured all the same.")
-@click.option("--rate", type=FiniteRange(1, 20000), metavar="HZ", help="Record them at this rate at most, such as 1000.")
+@click.option("--rate", type=FiniteRange(1, 20000), metavar="HZ",
+              help="Record them at this rate at most, such as 1000.")  # fmt: skip
 @click.option("--poses/--no-poses", default=None, help="Also record the bench in motion.  [default: poses]")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of tables.")
 @click.option("--view", is_flag=True, help="Open the recording in the Rerun viewer afterwards.")

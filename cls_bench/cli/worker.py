@@ -135,8 +135,13 @@ def _strike(number: int, frame: Any) -> None:
 
 
 def _asking() -> list[Any]:
-    bench = sys.modules.get("cls_bench.bench")
-    return list(bench._Asking.alive) if bench is not None else []
+    kind = getattr(sys.modules.get("cls_bench.bench"), "_Asking", None)  # it may be being imported
+    while kind is not None:
+        try:
+            return list(kind.alive)
+        except RuntimeError:  # another thread just added one
+            continue
+    return []
 
 
 def _watch(channel: _Channel, limit: float) -> None:
