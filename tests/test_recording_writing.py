@@ -353,8 +353,8 @@ def test_the_views_of_less(tmp_path: Path) -> None:
     [
         (["--signals", "/colum.angle"], 'record.signals: "/colum.angle" is no signal; did you mean /column.angle'),
         (["--rate", "3000"], "record.rate_hz: 3000 Hz is not 20000 Hz over a whole number; the nearest are 2857"),
-        (["--rate", "0"], "record.rate_hz: 0.0 is not valid; give a number ≥ 1"),
-        (["--rate", "nan"], "record.rate_hz: "),
+        (["--rate", "0"], "0.0 is not in the range"),
+        (["--rate", "nan"], "nan is not a finite number"),
         (["--signals", ""], 'record.signals: "" is no signal'),
     ],
 )

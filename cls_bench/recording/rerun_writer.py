@@ -151,12 +151,13 @@ class _Batch:
         """
         if not signals or not all(map(self.has, signals)):
             return np.zeros(0, np.int64), np.zeros((0, len(signals)))
-        ticks = reduce(np.intersect1d, [self._ticks[path] for path in {path for path, _ in signals}])
-        found = [
-            self._rows[path][np.isin(self._ticks[path], ticks), self._topics[path].names.index(name)]
-            for path, name in signals
-        ]
-        return ticks, np.stack(found, axis=1)
+        paths = {path for path, _ in signals}
+        columns = [self._rows[path][:, self._topics[path].names.index(name)] for path, name in signals]
+        if len({self._topics[path].ticks for path in paths}) == 1:
+            return self._ticks[signals[0][0]], np.stack(columns, axis=1)
+        ticks = reduce(np.intersect1d, [self._ticks[path] for path in paths])
+        kept = [np.isin(self._ticks[path], ticks) for path, _ in signals]
+        return ticks, np.stack([column[there] for column, there in zip(columns, kept, strict=True)], axis=1)
 
 
 class _Run:
