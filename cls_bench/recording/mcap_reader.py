@@ -233,6 +233,8 @@ class Recording:
 
     def require_samples(self) -> None:
         """Raise InputError unless there are samples, as far as was read."""
+        if any(chunk.channels is None and not chunk.indexes for chunk in self._chunks):
+            self.verify()  # what is not indexed says what it holds once it was read
         own = {channel.id for channels in self._samples.values() for channel in channels}
         good = [chunk for chunk in self._chunks if not chunk.lost]
         if not any(own & (chunk.indexes.keys() if chunk.channels is None else chunk.channels) for chunk in good):
