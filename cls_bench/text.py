@@ -1,4 +1,4 @@
-"""Text that comes from files, made fit for a terminal and a page."""
+"""Text that comes from files and users, made fit for a terminal and a page."""
 
 import unicodedata
 
@@ -16,3 +16,9 @@ def printable(text: str, longest: int = LONGEST) -> str:
         for char in text[: longest + 1]
     )
     return shown if len(shown) <= longest else f"{shown[:longest]}…"
+
+
+def escaped(text: str, longest: int = 60) -> str:
+    """``text`` on one line and cut short, as a message quotes it: what is not printable stands as an escape."""
+    text = text if len(text) <= longest else text[: longest - 3] + "..."
+    return "".join(c if c.isprintable() else c.encode("unicode_escape", "surrogatepass").decode() for c in text)

@@ -13,8 +13,9 @@ from cls_bench.analysis.window import Window, split_signal, unit_of
 from cls_bench.errors import InputError
 from cls_bench.parameters import DEG
 from cls_bench.scenario import Check
-from cls_bench.scenario.faults import nearest, printable, shown
+from cls_bench.scenario.faults import nearest, shown
 from cls_bench.signals import PLC_S, TOPIC
+from cls_bench.text import escaped
 
 Array = NDArray[np.float64]
 
@@ -94,7 +95,7 @@ def validate(check: Check) -> None:
     for name in check.arguments:
         if name not in metric.arguments:
             valid = ", ".join(metric.arguments) or "none"
-            raise InputError(f"arguments.{printable(name)}: {metric.name} takes no such argument; valid: {valid}")
+            raise InputError(f"arguments.{escaped(name)}: {metric.name} takes no such argument; valid: {valid}")
     for name, argument in metric.arguments.items():
         if argument.default is None and name not in check.arguments:
             raise InputError(f"arguments.{name}: missing; {argument.meaning} [{argument.unit}]")

@@ -9,6 +9,8 @@ from pydantic import BaseModel
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import ErrorDetails, core_schema
 
+from cls_bench.text import escaped
+
 MOST_NAMES = 30
 """Names in a list of what is valid."""
 
@@ -17,21 +19,15 @@ class FaultError(Exception):
     """Something wrong at a key of the scenario."""
 
     def __init__(self, key: str, problem: str):
-        said = ".".join(printable(part) for part in key.split("."))
+        said = ".".join(escaped(part) for part in key.split("."))
         super().__init__(f"{said}: {problem}" if key else problem)
         self.key = key
         self.problem = problem
 
 
-def printable(text: str, most: int = 60) -> str:
-    """``text`` on one line and cut short: whatever a terminal would not print as it is stands as an escape."""
-    text = text if len(text) <= most else text[: most - 3] + "..."
-    return "".join(c if c.isprintable() else c.encode("unicode_escape", "surrogatepass").decode() for c in text)
-
-
 def shown(value: Any) -> str:
     """A value as it stands in a message, cut short."""
-    return printable(json.dumps(value, ensure_ascii=False, default=str))
+    return escaped(json.dumps(value, ensure_ascii=False, default=str))
 
 
 def listed(names: Sequence[str]) -> str:

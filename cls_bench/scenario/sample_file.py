@@ -17,8 +17,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cls_bench.scenario.faults import listed, printable, shown
+from cls_bench.scenario.faults import listed, shown
 from cls_bench.signals import TICK_S
+from cls_bench.text import escaped
 
 Array = NDArray[np.float64]
 
@@ -111,7 +112,7 @@ def read_samples(content: bytes, keys: Keys, span: float) -> Read:
     """The samples of a file of which a segment of ``span`` [s] hears the start. ValueError with one line if not."""
     text, encoding = _decoded(content)
     table = _table(text, keys)
-    said = [f'"{printable(table.value_name)}" [{keys.unit}] over "{printable(table.time_name)}"']
+    said = [f'"{escaped(table.value_name)}" [{keys.unit}] over "{escaped(table.time_name)}"']
     rows, time_unit, value_unit, units_row = _units(table, keys)
     decimal = _decimal(table, rows, keys)
     lines, stamps, raw, dated = _numbers(table, rows, keys, decimal)
@@ -296,8 +297,8 @@ def _table(text: str, keys: Keys) -> _Table:
         hint = 'there is no header: give time_column and column as numbers, such as "1" and "2"'
     elif keys.delimiter is None and len(near) == 1:
         hint = "give delimiter"
-    columns = listed([printable(cell) for cell in near[:20]])
-    raise ValueError(f'has no column "{printable(missing)}"; found: {columns}; {hint}')
+    columns = listed([escaped(cell) for cell in near[:20]])
+    raise ValueError(f'has no column "{escaped(missing)}"; found: {columns}; {hint}')
 
 
 def _under(text: str, delimiter: str, skip: int, keys: Keys) -> tuple[_Table | None, list[str]]:
@@ -321,7 +322,7 @@ def _under(text: str, delimiter: str, skip: int, keys: Keys) -> tuple[_Table | N
         if times and values:
             for key, found in (("time_column", times), ("column", values)):
                 if len(found) > 1:
-                    which = listed([printable(cells[k]) for k in found])
+                    which = listed([escaped(cells[k]) for k in found])
                     raise ValueError(f"line {number}: has {len(found)} columns that may be meant: {which}; give {key}")
             names = cells[times[0]], cells[values[0]]
             return _Table(rows, number, delimiter, times[0], values[0], len(cells), *names), cells
@@ -422,10 +423,10 @@ def _numbers(
             plain = plain.replace(",", ".")
         if not _NUMBER.fullmatch(plain):
             if not cell:
-                raise ValueError(f"line {line}: needs a number for {printable(name)}; the cell is empty")
+                raise ValueError(f"line {line}: needs a number for {escaped(name)}; the cell is empty")
             if cell.lstrip("+-").casefold() in ("nan", "inf", "infinity"):
                 raise ValueError(f"line {line}: needs finite numbers, not {shown(cell)}")
-            raise ValueError(f"line {line}: needs a number for {printable(name)}, not {shown(cell)}")
+            raise ValueError(f"line {line}: needs a number for {escaped(name)}, not {shown(cell)}")
         found = float(plain)
         if not math.isfinite(found):
             raise ValueError(f"line {line}: needs finite numbers, not {shown(cell)}")
@@ -504,7 +505,7 @@ def _check_order(lines: Sequence[int], stamps: Array, name: str) -> None:
     if len(back := np.flatnonzero(np.diff(stamps) < 0.0)):
         k = int(back[0])
         raise ValueError(
-            f"line {lines[k + 1]}: {printable(name)} {stamps[k + 1]:.12g} lies before {stamps[k]:.12g} in line "
+            f"line {lines[k + 1]}: {escaped(name)} {stamps[k + 1]:.12g} lies before {stamps[k]:.12g} in line "
             f"{lines[k]}; samples must be in order of time"
         )
 

@@ -17,7 +17,7 @@ from cls_bench.controllers import Place
 from cls_bench.errors import InputError
 from cls_bench.parameters import Parameters, Section
 from cls_bench.resources import shipped_scenarios
-from cls_bench.scenario.faults import FaultError, TomlSchema, nearest, printable, problem_of, shown
+from cls_bench.scenario.faults import FaultError, TomlSchema, nearest, problem_of, shown
 from cls_bench.scenario.files import read_file
 from cls_bench.scenario.override import override, parameters_with
 from cls_bench.scenario.record import SIGNALS, Record
@@ -27,6 +27,7 @@ from cls_bench.scenario.toml_file import MOST_BYTES as MOST_TOML
 from cls_bench.scenario.toml_file import parse_toml, place_override
 from cls_bench.signals import TICK_S
 from cls_bench.step_limit import unstable_parameter
+from cls_bench.text import escaped
 
 Limit = Annotated[float, Field(ge=-1e12, le=1e12)]
 
@@ -204,7 +205,7 @@ class Scenario(Strict):
         try:
             _check(other)
         except FaultError as fault:
-            raise InputError(printable(str(fault), LONGEST_LINE)) from None
+            raise InputError(escaped(str(fault), LONGEST_LINE)) from None
         return other
 
     def idle(self, start: float, end: float) -> str:
@@ -245,10 +246,10 @@ def load_scenario(name_or_path: str | Path, *, seed: int | None = None, set: Seq
         source = read_file(path, MOST_TOML)
     except FileNotFoundError:
         if path.suffix == ".toml" or len(path.parts) > 1:
-            raise InputError(f"{printable(text, 500)}: no such file") from None
-        raise InputError(f"{printable(text)}: no such scenario or file; {nearest(text, shipped)}") from None
+            raise InputError(f"{escaped(text, 500)}: no such file") from None
+        raise InputError(f"{escaped(text)}: no such scenario or file; {nearest(text, shipped)}") from None
     except OSError as error:
-        raise InputError(f"{printable(text, 500)}: cannot be read: {error.strerror}") from None
+        raise InputError(f"{escaped(text, 500)}: cannot be read: {error.strerror}") from None
     return parse_scenario(source, path=path, seed=seed, set=set)
 
 
@@ -268,7 +269,7 @@ def parse_scenario(
     read from the disk. Raises InputError.
     """
     source = toml.encode(errors="surrogatepass") if isinstance(toml, str) else toml
-    file = printable(str(path) if path else name, 500)
+    file = escaped(str(path) if path else name, 500)
     overrides = (*set, *((f"seed={seed}",) if seed is not None else ()))
     table = parse_toml(source, file)
     from_command_line = {place_override(table, entry) for entry in overrides}
@@ -285,7 +286,7 @@ def parse_scenario(
             origin = f"{file} with --set"  # a section as a whole, of which either may be to blame
         else:
             origin = file
-        raise InputError(f"{origin}: {printable(str(fault), LONGEST_LINE)}") from None
+        raise InputError(f"{origin}: {escaped(str(fault), LONGEST_LINE)}") from None
     return scenario
 
 
@@ -355,7 +356,7 @@ def _read_samples(scenario: Scenario, given: Mapping[str, bytes] | None) -> None
                 if given is not None and segment.file not in given:
                     raise FaultError(key, f"{file} is not among the recording's attachments")
                 content = read_file(folder / segment.file, MOST_BYTES) if given is None else given[segment.file]
-                notes.append(f"hand[{k}] {printable(segment.file)}: {segment._read(content, end - segment.at)}")
+                notes.append(f"hand[{k}] {escaped(segment.file)}: {segment._read(content, end - segment.at)}")
             except OSError as error:
                 raise FaultError(key, f"{file} cannot be read: {error.strerror or error}") from None
             except ValueError as error:

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from cls_bench.errors import InputError
-from cls_bench.scenario.faults import printable
 from cls_bench.scenario.files import read_file
+from cls_bench.text import escaped
 
 MOST_BYTES = 1_000_000
 """Largest TOML file [B]."""
@@ -63,9 +63,9 @@ def parse_toml(source: bytes, file: str) -> dict[str, Any]:
         if place == "end of document":
             lines = text.split("\n")
             place = f"line {len(lines)}, column {len(lines[-1]) + 1}"
-        raise InputError(f"{file}: {place}: broken TOML: {printable(problem, 200)}") from None
+        raise InputError(f"{file}: {place}: broken TOML: {escaped(problem, 200)}") from None
     except ValueError as error:  # such as a time that does not exist
-        raise InputError(f"{file}: broken TOML: {printable(str(error), 200)}") from None
+        raise InputError(f"{file}: broken TOML: {escaped(str(error), 200)}") from None
 
 
 def _excess(text: str) -> str:
@@ -101,7 +101,7 @@ def place_override(table: dict[str, Any], entry: str) -> str:
     """Put the override ``KEY=VALUE`` into ``table``; returns its full key. InputError if it cannot be read."""
     key, equals, text = entry.partition("=")
     key, text = key.strip(), text.strip()
-    entry, value = (printable(" ".join(part.split())) for part in (entry[:LONGEST_OVERRIDE], text[:LONGEST_OVERRIDE]))
+    entry, value = (escaped(" ".join(part.split())) for part in (entry[:LONGEST_OVERRIDE], text[:LONGEST_OVERRIDE]))
     if not equals or not key or not text:
         raise InputError(f"--set {entry}: not of the form KEY=VALUE, such as feel.inertia=0.25")
     if len(key) + len(text) > LONGEST_OVERRIDE:
@@ -137,7 +137,7 @@ def place_override(table: dict[str, Any], entry: str) -> str:
 
 def _entry(table: dict[str, Any], name: str, number: int) -> dict[str, Any]:
     """An entry of an array of tables, such as ``squeeze[0]``. Raises InputError unless it is there."""
-    name = printable(name)
+    name = escaped(name)
     if name not in ENTRIES:
         raise InputError(f"--set {name}[{number}]: {name} has no entries; valid: {', '.join(ENTRIES)}")
     entries = table.get(name, [])

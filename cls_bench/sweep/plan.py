@@ -40,10 +40,11 @@ from cls_bench.errors import InputError
 from cls_bench.parameters import Parameters, leaves
 from cls_bench.resources import shipped_scenarios
 from cls_bench.scenario import Check, Scenario, load_scenario, parse_scenario
-from cls_bench.scenario.faults import nearest, printable, shown
+from cls_bench.scenario.faults import nearest, shown
 from cls_bench.scenario.toml_file import read_toml
 from cls_bench.sweep.axes import MOST_POINTS, Array, Axis, Listed, Random, Strict
 from cls_bench.sweep.engine import Point
+from cls_bench.text import escaped
 
 
 class Sweep(Strict):
@@ -151,7 +152,7 @@ def _collected(sweep: Sweep, scenario: Scenario) -> tuple[Check, ...]:
     known = {check.name: check for check in scenario.checks}
     for name in sweep.collect or []:
         if name not in known:
-            has = printable(", ".join(known) or "none", 500)
+            has = escaped(", ".join(known) or "none", 500)
             raise InputError(f"collect: {shown(name)} is no check of {scenario.name}; it has {has}")
     chosen = [known[name] for name in sweep.collect] if sweep.collect is not None else list(scenario.checks)
     if not (chosen or sweep.checks):
@@ -168,7 +169,7 @@ def load_sweep(path: Path) -> Plan:
     """Read a sweep file and its scenario. Raises InputError with one line that says what is wrong."""
     from cls_bench.experiment import validate
 
-    file = printable(str(path), 500)
+    file = escaped(str(path), 500)
     try:
         source, table = read_toml(path, file)
     except OSError as error:
@@ -211,7 +212,7 @@ def _fault(failure: ValidationError) -> str:
     for part in error["loc"]:
         if part not in kinds:
             key += f"[{part}]" if isinstance(part, int) else f".{part}"
-    key = printable(key.lstrip("."))
+    key = escaped(key.lstrip("."))
     if error["type"] == "extra_forbidden":
         return f"{key}: unknown key" + (f"; {nearest(key, Sweep.model_fields)}" if len(error["loc"]) == 1 else "")
     if error["type"] == "missing":
