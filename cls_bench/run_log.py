@@ -26,14 +26,14 @@ class _Words(NamedTuple):
 
 
 _WORDS = {
-    "load_cell": _Words("load cell", "saturated: {} {} on a range of {} {}", "saturated", SI, "N"),
-    "set_angle": _Words("plc", "set angle held at the software limit: {} {} asked for, {} {} allowed",
+    "load_cell": _Words("load cell", "saturated: {} on a range of {}", "saturated", SI, "N"),
+    "set_angle": _Words("plc", "set angle held at the software limit: {} asked for, {} allowed",
                         "set angle held at the software limit", DEGREES, "°"),
-    "speed": _Words("drive", "speed limit: {} {} asked for, {} {} allowed", "at the speed limit", SI, "rad/s"),
-    "torque": _Words("drive", "torque limit: {} {} asked for, {} {} allowed", "at the torque limit", SI, "N·m"),
-    "current": _Words("drive", "current limit: {} {} asked for, {} {} allowed", "at the current limit", SI, "A"),
-    "voltage": _Words("drive", "voltage limit: {} {} asked for, {} {} there", "at the voltage limit", SI, "V"),
-    "travel": _Words("column", "beyond its travel: {} {}, travel {} {}", "beyond its travel", DEGREES, "°"),
+    "speed": _Words("drive", "speed limit: {} asked for, {} allowed", "at the speed limit", SI, "rad/s"),
+    "torque": _Words("drive", "torque limit: {} asked for, {} allowed", "at the torque limit", SI, "N·m"),
+    "current": _Words("drive", "current limit: {} asked for, {} allowed", "at the current limit", SI, "A"),
+    "voltage": _Words("drive", "voltage limit: {} asked for, {} there", "at the voltage limit", SI, "V"),
+    "travel": _Words("column", "beyond its travel: {}, travel {}", "beyond its travel", DEGREES, "°"),
 }  # fmt: skip
 
 
@@ -120,7 +120,7 @@ class LimitLog:
                 going_on = None
             if going_on is None:
                 words = _WORDS[name]
-                amounts = (_number(peak * words.scale), words.unit, _number(limit * words.scale), words.unit)
+                amounts = _amount(peak, words), _amount(limit, words)
                 events.append(Event(tick, "warning", words.source, words.begins.format(*amounts)))
                 going_on = _Episode(tick, tick, 0.0, 0.0)
             self._open[name] = _Episode(going_on.first, tick, going_on.ticks + ticks, max(peak, going_on.peak))
@@ -128,11 +128,11 @@ class LimitLog:
     def _end(self, name: str, tick: int) -> Event:
         episode, words = self._open.pop(name), _WORDS[name]
         text = f"{words.over} for {episode.ticks * TICK_S:.4g} s since t = {episode.first * TICK_S:.4f} s, "
-        return Event(tick, "info", words.source, f"{text}at most {_number(episode.peak * words.scale)} {words.unit}")
+        return Event(tick, "info", words.source, f"{text}at most {_amount(episode.peak, words)}")
 
 
-def _number(value: float) -> str:
-    return f"{value:.4g}"
+def _amount(value: float, words: _Words) -> str:
+    return f"{value * words.scale:.4g}{'' if words.unit == '°' else ' '}{words.unit}"
 
 
 assert TOPIC["/limits"].names == LIMITS

@@ -107,7 +107,7 @@ def test_a_column_beyond_its_travel_is_seen():
 def test_a_set_angle_beyond_the_software_limit_is_seen():
     r = run(controller=Jumps(0.6), set=["plc.following_error_limit=1.0"], duration=0.2)
     assert r["/limits.set_angle"].any()
-    assert warnings_of(r, "plc") == ["set angle held at the software limit: 34.38 ° asked for, 22.5 ° allowed"]
+    assert warnings_of(r, "plc") == ["set angle held at the software limit: 34.38° asked for, 22.5° allowed"]
 
 
 def test_a_limit_reached_again_soon_is_one_event(monkeypatch):
