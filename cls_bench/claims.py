@@ -126,6 +126,7 @@ def claimed_folder(folder: Path, began: float, *, resume: bool = False) -> Itera
     [s] at which the command started); then it is a new one with a number behind its name. With ``resume`` only
     ``folder`` will do. Raises OutputError.
     """
+    folder = folder if folder.name not in ("", "..") else folder.resolve()
     for candidate in numbered(folder):
         try:
             made = _made(candidate)

@@ -22,7 +22,7 @@ import threading
 import time
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from importlib.machinery import ModuleSpec, PathFinder, SourceFileLoader
 from pathlib import Path
@@ -90,6 +90,26 @@ def parse_arguments(entries: Sequence[str]) -> dict[str, Any]:
             raise InputError(f'--controller-arg {one_line(entry)}: not a TOML value, such as 0.25, true or "text"')
         found[key] = parsed["value"]
     return found
+
+
+MOST_FILES = 1000
+"""Files that :func:`fingerprint` looks at."""
+
+
+def fingerprint(place: Place) -> str:
+    """Hash of all that a controller may be made of: its arguments, its file and the modules beside it; runs nothing."""
+    digest = hashlib.sha256(repr((place.place, sorted(place.arguments.items()))).encode())
+    folder = place.file.parent if place.file is not None else None
+    if folder is None:
+        top = place.module.partition(".")[0]
+        here = place.folder.absolute()
+        spec = None if _stands_in(here, top) else importlib.util.find_spec(top)
+        folder = here if spec is None or spec.origin is None else Path(spec.origin).parent
+    for path in sorted(itertools.islice((*folder.glob("*.py"), *folder.glob("*/*.py")), MOST_FILES)):
+        digest.update(path.name.encode(errors="surrogateescape"))
+        with suppress(OSError):
+            digest.update(path.read_bytes())
+    return digest.hexdigest()
 
 
 class Controller:

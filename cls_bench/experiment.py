@@ -3,6 +3,7 @@
 import datetime as dt
 import hashlib
 import inspect
+import json
 import math
 import subprocess
 import time
@@ -26,6 +27,7 @@ from cls_bench.recording.recorder import COMPLETE
 from cls_bench.run_log import Trip
 from cls_bench.scenario import Check, ExpectedTrip, Scenario, load_scenario, tick_of
 from cls_bench.signals import Event
+from cls_bench.text import utf8
 
 RECORDINGS = Path("recordings")
 """Where recordings go unless told otherwise: a folder in the current one."""
@@ -357,14 +359,15 @@ def run_info(scenario: Scenario, bench: Bench, controller: Mapping[str, bytes | 
     files = {name: content for name, content in controller.items() if isinstance(content, bytes) and content}
     about = {name: text for name, text in controller.items() if isinstance(text, str)}
     return RunInfo(
-        scenario_name=scenario.name,
+        scenario_name=utf8(scenario.name),
         scenario_toml=scenario.source,
         mjcf={**bench.mjcf, **scenario.sample_files, **files},
         parameters=bench.parameters.model_dump(),
         metadata={
-            "title": scenario.title, "seed": str(scenario.seed), "overrides": "\n".join(scenario.overrides),
+            "title": scenario.title, "seed": str(scenario.seed), "overrides": json.dumps(scenario.overrides),
             **({"notes": "\n".join(scenario.notes)} if scenario.notes else {}),
-            "units": "SI; radians", "commit": _commit(), **about, **versions(),
+            "units": "SI; radians", "commit": _commit(), **{name: utf8(text) for name, text in about.items()},
+            **versions(),
         },
         wall_start=dt.datetime.now(dt.UTC).isoformat(timespec="milliseconds"),
         body_names=bench.body_names,

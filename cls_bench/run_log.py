@@ -93,7 +93,10 @@ class LimitLog:
         self._open: dict[str, _Episode] = {}
 
     def read(self, first_tick: int, end_tick: int, rows: NDArray[np.float64], watch: Any) -> list[Event]:
-        """Events of the block whose ``/limits`` are ``rows``; clears the amounts in ``watch``."""
+        """Events of the block whose ``/limits`` are ``rows``; clears the amounts that no row is to come of.
+
+        Of limits that are reached several times within a block, the greatest amount of the block is told each time.
+        """
         events: list[Event] = []
         if rows.any() or self._open:
             start = -(-first_tick // PLC_TICKS) * PLC_TICKS
@@ -102,7 +105,7 @@ class LimitLog:
                 self._read(name, start, rows[:, number], peak, limit, events)
                 if name in self._open and self._open[name].last + QUIET_TICKS < end_tick:
                     events.append(self._end(name, self._open[name].last + QUIET_TICKS))
-        watch.peak[:] = 0.0
+        watch.peak[np.asarray(watch.ticks) == 0.0] = 0.0
         return events
 
     def finish(self, last_tick: int) -> list[Event]:

@@ -22,3 +22,8 @@ def escaped(text: str, longest: int = 60) -> str:
     """``text`` on one line and cut short, as a message quotes it: what is not printable stands as an escape."""
     text = text if len(text) <= longest else text[: longest - 3] + "..."
     return "".join(c if c.isprintable() else c.encode("unicode_escape", "surrogatepass").decode() for c in text)
+
+
+def utf8(text: str) -> str:
+    """``text`` with escapes for what UTF-8 cannot hold: a file's name can be any bytes."""
+    return text.encode(errors="backslashreplace").decode()

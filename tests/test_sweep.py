@@ -645,3 +645,15 @@ def test_sweeps_shown_in_the_guide_are_valid(tmp_path: Path) -> None:
         plan = load_sweep(path)
         assert len(plan.sweep.points) == 5 * 2 * 20
         assert [check.name for check in plan.checks] == ["squeezed_amplitude", "torque_ripple"]
+
+
+def test_a_resumed_sweep_notices_a_changed_controller(file: Any, tmp_path: Path) -> None:
+    """Its own file and the modules beside it are part of what is evaluated."""
+    path = file(GRID)
+    (tmp_path / "push.toml").write_text(SCENARIO + '\n[controller]\nsource = "loop.py:Loop"\n')
+    (tmp_path / "gain.py").write_text("K = 1.0\n")
+    (tmp_path / "loop.py").write_text("from gain import K\nclass Loop:\n    pass\n")
+    before = load_sweep(path).identity
+    assert load_sweep(path).identity == before
+    (tmp_path / "gain.py").write_text("K = 2.0\n")
+    assert load_sweep(path).identity != before

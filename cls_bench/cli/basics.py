@@ -12,7 +12,7 @@ import click
 from cls_bench.cli.failures import say
 from cls_bench.cli.options import SEED, FiniteRange, GivenController, controller_options
 from cls_bench.cli.output import print_json, print_notes, print_result, print_table, print_term, progress_bar
-from cls_bench.errors import one_line
+from cls_bench.errors import BenchError, one_line
 
 if TYPE_CHECKING:
     from cls_bench.cli.worker import Limits
@@ -59,6 +59,10 @@ def run(
     loaded = load_scenario(scenario, seed=seed, set=(*overrides, *_record(signals, rate, poses)))
     print_notes(loaded)
     place = controller.of(loaded)
+    if view:
+        from cls_bench.cli.view import require_display, view_recordings
+
+        require_display(f"cls-bench run {scenario}, then cls-bench view --serve with its recording")
     with progress_bar(loaded.duration, quiet=as_json) as progress:
         if place is None:
             result = experiment.run(loaded, out=out, rerun=rerun or view, progress=progress)
@@ -71,9 +75,10 @@ def run(
     else:
         print_result(result)
     if view:
-        from cls_bench.cli.view import view_recordings
-
-        view_recordings([result.rrd or result.mcap])
+        try:
+            view_recordings([result.rrd or result.mcap])
+        except BenchError as error:  # the run's own code says more
+            say(f"error: {one_line(error)}")
     ctx.exit(result.exit_code)
 
 
@@ -113,12 +118,15 @@ def _run_with_controller(
         if not began:
             raise
         close_cut(began[0], experiment.CONTROLLER_FAILED)
-        checks = experiment.measure(scenario, Recording(began[0]), own_loop=True)
+        kept = Recording(began[0])
+        checks = experiment.measure(scenario, kept, own_loop=True)
+        events = tuple(event for event in kept.events() if event.level != "info")
         timing = experiment.Timing(simulated, time.perf_counter() - start)
         rrd = began[0].with_suffix(".rrd")
         message = f"{error}; what it did after t = {simulated:g} s is lost"
         result = experiment.Result(
-            scenario, experiment.CONTROLLER_FAILED, checks, began[0], rrd if rrd.exists() else None, timing, message
+            scenario, experiment.CONTROLLER_FAILED, checks, began[0], rrd if rrd.exists() else None, timing, message,
+            events,
         )
     except Interrupted as error:
         if began and close_cut(began[0], "interrupted"):  # it had to be killed

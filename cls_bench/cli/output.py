@@ -130,7 +130,7 @@ def results_folder(folder: Path, began: float, *, resume: bool = False) -> Path:
     """
     from cls_bench.claims import claimed_folder, file_name
 
-    wanted = folder.with_name(file_name(folder.name)) if folder.name else folder
+    wanted = folder.with_name(file_name(folder.name)) if folder.name not in ("", "..") else folder.resolve()
     claimed = click.get_current_context().with_resource(claimed_folder(wanted, began, resume=resume))
     if claimed != wanted:
         click.echo(f"{wanted} is in use by another cls-bench; the results go to {claimed}", err=True)

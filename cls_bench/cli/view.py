@@ -40,12 +40,18 @@ def view(recordings: tuple[Path, ...], serve: bool, port: int) -> None:
     view_recordings(recordings, serve=serve, port=port)
 
 
+def require_display(instead: str) -> None:
+    """InputError that says what to do ``instead`` if there is no display for a window."""
+    if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise InputError(f"there is no display; serve it to a browser: {instead}")
+
+
 def view_recordings(recordings: Sequence[Path], *, serve: bool = False, port: int = WEB_PORT) -> None:
     """Open the recordings in the Rerun viewer until it is closed; InputError if it cannot start."""
     opened = _opened(recordings)
     again = f"cls-bench view --serve {shlex.join(map(str, recordings))}"
-    if not serve and sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        raise InputError(f"there is no display; serve it to a browser: {again}")
+    if not serve:
+        require_display(again)
     ports = (port, port + 1) if serve else ()
     for number in ports:
         _check_free(number)

@@ -23,6 +23,10 @@ STATE = np.dtype(
 )
 
 
+ROUNDING = 1e-4
+"""Share of a limit by which more is not called more: two limits of one data sheet may differ by its last digit."""
+
+
 @compiled
 def note(watch: Any, which: int, asked: float, limit: float) -> None:
     """Note a tick that was spent at a limit, where ``asked`` was beyond ``limit``; both are magnitudes."""
@@ -35,7 +39,7 @@ def note(watch: Any, which: int, asked: float, limit: float) -> None:
 @compiled
 def compare(watch: Any, which: int, asked: float, limit: float) -> None:
     """:func:`note` the tick if ``asked`` is beyond ± ``limit``."""
-    if abs(asked) > limit:
+    if abs(asked) > limit * (1.0 + ROUNDING):
         note(watch, which, abs(asked), limit)
 
 

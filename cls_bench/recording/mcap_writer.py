@@ -49,6 +49,7 @@ from cls_bench.recording.layout import Index, Samples
 from cls_bench.recording.run_info import RunInfo
 from cls_bench.recording.seal import SEAL_KEY, SEAL_METADATA, seal_of
 from cls_bench.signals import EVENTS_TOPIC, POSE_TICKS, TICK_NS, TOPICS, Block, Topic
+from cls_bench.text import utf8
 
 TRANSFORMS_TOPIC = "/tf"
 SCENE_TOPIC = "/scene"
@@ -239,7 +240,7 @@ class McapRecorder:
         return self._write(_serialized(records))
 
     def _write_metadata(self, name: str, metadata: dict[str, str]) -> None:
-        metadata = {_text(key): _text(value) for key, value in metadata.items()}
+        metadata = {utf8(key): utf8(value) for key, value in metadata.items()}
         self._said[name] = metadata
         at = self._write_records(Metadata(name=name, metadata=metadata))
         self._metadata.append(MetadataIndex(offset=at, length=self._offset - at, name=name))
@@ -253,7 +254,7 @@ class McapRecorder:
             self._write_attachment(name, "application/xml" if xml else "application/octet-stream", content)
 
     def _write_attachment(self, name: str, media_type: str, data: bytes) -> None:
-        name = _text(name)
+        name = utf8(name)
         self._attached[name] = data
         attachment = Attachment(create_time=0, log_time=0, name=name, media_type=media_type, data=data)
         at = self._write_records(attachment)
@@ -302,11 +303,6 @@ class McapRecorder:
         footer = Footer(summary_start=start, summary_offset_start=offsets_at, summary_crc=0)
         summary += _serialized([footer])[:-4]  # the CRC is the last field and covers all before it
         return bytes(summary + struct.pack("<I", zlib.crc32(summary)))
-
-
-def _text(text: str) -> str:
-    """``text`` with escapes for what UTF-8 cannot hold: a file's name can be any bytes."""
-    return text.encode(errors="backslashreplace").decode()
 
 
 def _topic_metadata(topic: Topic) -> dict[str, str]:

@@ -19,6 +19,7 @@ from cls_bench.recording.mcap_reader import Recording
 from cls_bench.recording.rerun_file import RerunFile
 from cls_bench.recording.run_info import RunInfo
 from cls_bench.signals import EVENTS_TOPIC, PLC_TICKS, POSE_TICKS, TICK_NS, TOPIC, TOPICS, Block, Event, Topic
+from cls_bench.text import utf8
 
 Array = NDArray[np.float64]
 Ticks = NDArray[np.int64]
@@ -93,7 +94,7 @@ def write_rrd(recordings: Sequence[Recording], path: Path) -> None:
     alone = len(recordings) == 1
     prefixes = [""] if alone else [f"/run_{number}" for number in range(1, len(recordings) + 1)]
     infos = [recording.run_info() for recording in recordings]
-    titles = [infos[0].scenario_name] if alone else [recording.path.stem for recording in recordings]
+    titles = [infos[0].scenario_name] if alone else [utf8(recording.path.stem) for recording in recordings]
     file = _opened(path, prefixes, titles)
     try:
         file.stream.send_recording_name(" and ".join(titles))

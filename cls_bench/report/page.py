@@ -305,7 +305,8 @@ def _command(run: RecordedRun) -> str:
                 for key, value in arguments.items():
                     words += ["--controller-arg", f"{key}={_toml(value)}"]
             notes.append(f"the controller's source{digest} is the attachment controller.py")
-    known = run.name in shipped_scenarios()
+    shipped = shipped_scenarios().get(run.name)
+    known = shipped is not None and shipped.read_bytes() == run.scenario.source
     words.append(run.name if known else f"{run.name}.toml")  # the text below
     packages = ", ".join(
         f"{name} {about[name]}" for name in ("cls-bench", "mujoco", "numba", "numpy", "python") if name in about
@@ -330,4 +331,6 @@ def _toml(value: Any) -> str:
         return "{" + ", ".join(f"{json.dumps(key)} = {_toml(inner)}" for key, inner in value.items()) + "}"
     if isinstance(value, list):
         return "[" + ", ".join(map(_toml, value)) + "]"
-    return json.dumps(value)
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    return json.dumps(value, ensure_ascii=False)

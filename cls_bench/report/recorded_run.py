@@ -255,9 +255,18 @@ def _shown(value: float | None) -> str:
     return "that it was not measured" if value is None or math.isnan(value) else f"{value:.6g}"
 
 
+def _overrides(text: str) -> list[str]:
+    """The overrides, a JSON list; recordings made before it was one have a line each."""
+    with suppress(ValueError, RecursionError):
+        found = json.loads(text)
+        if isinstance(found, list):
+            return [str(entry) for entry in found]
+    return [line for line in text.split("\n") if line]
+
+
 def _scenario(recording: Recording) -> tuple[Scenario, list[str]]:
     """The scenario as it was run, and what this version does not know of it. Sample files travel as attachments."""
-    overrides = [line for line in recording.metadata.get("overrides", "").split("\n") if line]
+    overrides = _overrides(recording.metadata.get("overrides", ""))
     name = re.sub(r"[^\w.-]+", "_", printable(recording.scenario_name, 100)).lstrip(".-") or "scenario"
     source = recording.attachments[SCENARIO_FILE]
     try:

@@ -36,6 +36,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
+from cls_bench.controllers import fingerprint
 from cls_bench.errors import InputError
 from cls_bench.parameters import Parameters, leaves
 from cls_bench.resources import shipped_scenarios
@@ -125,7 +126,7 @@ def _rounded(value: Any, whole: bool) -> Any:
 
 def override(key: str, value: Any) -> str:
     """``KEY=VALUE`` as :func:`load_scenario` takes it; every float comes back as the same one."""
-    return f"{key}={json.dumps(value)}"
+    return f"{key}={json.dumps(value, ensure_ascii=False)}"
 
 
 class Plan:
@@ -143,9 +144,11 @@ class Plan:
 
     @property
     def identity(self) -> str:
-        """What is evaluated, for the journal: both files and the samples they name."""
+        """What is evaluated, for the journal: both files, the samples they name, and the controller's sources."""
         parts = [self.source, self.scenario.source, *self.scenario.sample_files.values()]
-        return "\n".join(part.decode(errors="replace") for part in parts)
+        place = self.scenario.controller_place
+        controller = "" if place is None else fingerprint(place)
+        return "\n".join([*(part.decode(errors="replace") for part in parts), controller])
 
 
 def _collected(sweep: Sweep, scenario: Scenario) -> tuple[Check, ...]:
