@@ -88,6 +88,8 @@ def parse_arguments(entries: Sequence[str]) -> dict[str, Any]:
             parsed = {"value": text} if re.fullmatch(r"[\w./-]+", text) else {}
         if list(parsed) != ["value"]:
             raise InputError(f'--controller-arg {one_line(entry)}: not a TOML value, such as 0.25, true or "text"')
+        if key in found:
+            raise InputError(f"--controller-arg {one_line(entry)}: {key} was given before")
         found[key] = parsed["value"]
     return found
 

@@ -940,3 +940,34 @@ def test_no_wrong_sample_is_read_from_a_damaged_file(run: Path, tmp_path: Path) 
             assert same_bits(truth[topic].time[place], series.time)
             assert all(same_bits(truth[topic][name][place], series[name]) for name in series.values)
             assert len(series) == len(truth[topic]) or recording.doubts
+
+
+def test_a_message_that_lost_its_fields_is_no_sample_of_zeros(tmp_path: Path) -> None:
+    """Proto3 leaves zeros out, but not in a file in which other zeros are written."""
+    from mcap.reader import make_reader
+    from mcap.writer import Writer
+
+    blocks = make_blocks((400,))
+    blocks[0].signals["/drive"][5] = 0.0
+    source, emptied = record(tmp_path / "run.mcap", blocks), tmp_path / "emptied.mcap"
+    with source.open("rb") as file, emptied.open("wb") as out:
+        reader, writer = make_reader(file), Writer(out)
+        writer.start(library="cls-bench")
+        schemas, channels, seen = {}, {}, 0
+        for schema, channel, message in reader.iter_messages():
+            if schema.id not in schemas:
+                schemas[schema.id] = writer.register_schema(schema.name, schema.encoding, schema.data)
+            if channel.id not in channels:
+                channels[channel.id] = writer.register_channel(
+                    channel.topic, channel.message_encoding, schemas[schema.id], channel.metadata
+                )
+            seen += channel.topic == "/drive"
+            data = b"" if channel.topic == "/drive" and seen == 8 else message.data
+            writer.add_message(channels[channel.id], message.log_time, data, message.publish_time, message.sequence)
+        writer.finish()
+    recording = Recording(emptied)
+    with pytest.warns(UserWarning, match="a sample of /drive is missing"):
+        voltage = recording.read("/drive", ["voltage"])["voltage"]
+    assert np.flatnonzero(np.isnan(voltage)).tolist() == [7]
+    assert voltage[5] == 0.0
+    assert any("/drive is missing" in line for line in recording.doubts)

@@ -136,6 +136,7 @@ class Recording:
         self._file = McapFile(path)
         self._lock = threading.Lock()
         self._said: set[str] = set()
+        self._gaps: dict[str, str] = {}
         self._verified = False
         self.truncated = self._file.truncated
         self.topics: dict[str, Topic] = {}
@@ -276,6 +277,7 @@ class Recording:
         lines = [f"the file was cut short: it ends at {self.duration:g} s"] if self.truncated else []
         lines += self._file.faults
         lines += [f"samples from {start:g} to {end:g} s are lost: {reason}" for start, end, reason in self.losses]
+        lines += self._gaps.values()
         if self._seal_is_broken:
             lines.append("what the file says about its run was changed after the run: its seal is broken")
         return tuple(printable(line, LONGEST_TEXT) for line in lines)
@@ -539,6 +541,10 @@ class Recording:
             values = decode(messages.data, index[:, 1], rows, len(wanted.names))
             if values is None:
                 raise DamagedError(f"its samples of {topic.path} cannot be read")
+            if np.isnan(values).any():
+                at = times[0] / 1e9
+                self._gaps.setdefault(topic.path, f"a sample of {topic.path} is missing in the chunk from {at:g} s on")
+                self._warn(self._gaps[topic.path])
             parts.append((index[:, 0], values))
         if len(parts) == 1:
             return parts[0]

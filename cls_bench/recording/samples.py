@@ -12,6 +12,9 @@ from cls_bench.recording.mcap_file import taken
 LONGEST_MESSAGE = 4096
 """Bytes of a message of samples; what is longer is none."""
 
+_LEFT_OUT: np.uint64 = np.uint64(0x7FF8_DEAD_BEEF_0001)
+"""Bits of a NaN that stands for a field that is not in its message; no arithmetic makes it."""
+
 _FIXED64 = 1
 _WIRE_BYTES = {_FIXED64: 8, 5: 4}  # wire types of fixed length
 
@@ -21,10 +24,11 @@ def decode(
 ) -> NDArray[np.float64] | None:
     """Samples from the Message records at ``offsets`` of ``data``, shape (signals, messages); None if they are damaged.
 
-    ``rows`` maps the number of a protobuf field to its row in the result. Fields may be in any order; one that is left
-    out is 0, as proto3 has it, and one that is not in ``rows`` is passed over.
+    ``rows`` maps the number of a protobuf field to its row in the result. Fields may be in any order, and one that is
+    not in ``rows`` is passed over. One that is left out is 0, as proto3 has it, if the writer leaves zeros out; beside
+    messages in which zeros are written it was lost, and is NaN.
     """
-    values = np.zeros((signals, len(offsets)))
+    values = np.full((signals, len(offsets)), _LEFT_OUT).view(np.float64)
     lengths = taken(data, offsets, 1, "<u8") - np.uint64(MESSAGE_HEAD_BYTES - 9)
     if not len(offsets):
         return values
@@ -41,9 +45,13 @@ def decode(
             odd[same] = _take_doubles(data, offsets[same], int(length) // FIELD_BYTES, by_tag, values, same)
     for message in np.flatnonzero(odd).tolist():
         at = int(offsets[message]) + MESSAGE_HEAD_BYTES
-        values[:, message] = 0.0
+        values.view(np.uint64)[:, message] = _LEFT_OUT
         if not _take_fields(data[at : at + int(lengths[message])], rows, values[:, message]):
             return None
+    if len(different) > 1 or odd.any() or int(different[0]) != FIELD_BYTES * signals:
+        bits = values.view(np.uint64)
+        left_out = bits == _LEFT_OUT
+        values[left_out] = np.nan if (bits == 0).any() else 0.0
     return values
 
 

@@ -163,6 +163,8 @@ class RecordedRun:
     def _contradictions(self) -> Iterator[str]:
         yield from self._unknown
         result, status = self.recording.result, self.recording.status
+        if not result and not self.recording.truncated:
+            yield "the file was closed, but says nothing of how the run ended"
         if self.duration > self.scenario.duration + TICK_S:
             yield f"its samples go on to {self.duration:g} s, its scenario to {self.scenario.duration:g} s"
         with suppress(ValueError):

@@ -49,7 +49,7 @@ def parse_toml(source: bytes, file: str) -> dict[str, Any]:
     if len(source) > MOST_BYTES:
         raise InputError(f"{file}: {len(source)} bytes are more than the {MOST_BYTES} that are read")
     try:
-        text = source.decode()
+        text = source.decode("utf-8-sig")  # some editors put a mark at the beginning
     except UnicodeDecodeError as error:
         line = source.count(b"\n", 0, error.start) + 1
         raise InputError(f"{file}: line {line}: not UTF-8 text") from None
