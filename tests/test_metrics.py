@@ -249,7 +249,7 @@ def test_every_metric_says_what_it_measures() -> None:
         assert all(argument.meaning and argument.unit for argument in metric.arguments.values())
 
 
-# --- what each metric reads --------------------------------------------------------------------------------------------
+# --- what each metric reads -------------------------------------------------------------------------------------------
 
 
 class Declared:

@@ -402,8 +402,6 @@ def test_memory_gives_what_a_recording_gives(tmp_path: Path, file: Any) -> None:
         assert len(ours[name]) > 200
         np.testing.assert_array_equal(ours[name], theirs[name])
     np.testing.assert_array_equal(ours.time, theirs.time)
-    both = memory.read("/column", ["angle"], 0.05013, 0.15)
-    np.testing.assert_array_equal(both.time, result.recording().read("/column", ["angle"], 0.05013, 0.15, 8).time)
 
 
 def in_memory(scenario: Scenario, checks: Sequence[Check]) -> Memory:
