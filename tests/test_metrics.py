@@ -247,3 +247,55 @@ def test_every_metric_says_what_it_measures() -> None:
     for metric in metrics.METRICS.values():
         assert metric.meaning, metric.name
         assert all(argument.meaning and argument.unit for argument in metric.arguments.values())
+
+
+# --- what each metric reads -------------------------------------------------------------------------------------------
+
+
+class Declared:
+    """A source that hands out the signals that a check is said to read, and notes which it was asked for."""
+
+    def __init__(self, source: Signals, allowed: frozenset[str]):
+        self._source, self._allowed, self.asked = source, allowed, set[str]()
+
+    def read(self, topic: str, signals: Sequence[str] | None = None, *rest: float) -> SimpleNamespace:
+        assert signals is not None, f"all of {topic}"
+        for name in signals:
+            assert f"{topic}.{name}" in self._allowed, f"{topic}.{name} is read and not declared"
+            self.asked.add(f"{topic}.{name}")
+        return self._source.read(topic, signals, *rest)  # type: ignore[arg-type]
+
+
+_SWAY = {"column__angle": 0.2 * np.sin(2 * math.pi * (TIME - 0.005)), "feel__angle": 0.2 * np.sin(2 * math.pi * TIME)}
+_RELEASED = {
+    "pilot__squeeze": np.full(len(TIME), -1.0), "column__angle": 0.1 * np.exp(-3.0 * TIME) * np.cos(9.0 * TIME)
+}  # fmt: skip
+_RECORDINGS: dict[str, dict[str, Array]] = {
+    "zero": {},
+    "not finite": {"column__angle": np.full(len(TIME), np.nan)},
+    "sway": _SWAY,
+    "without power": _SWAY | {"drive__voltage": np.where(TIME < 2.0, 1.0, 0.0)},
+    "loop": loop(0.3, 1.0),
+    "two speeds": loop(0.3, 4.0, _TWO := np.concatenate([SWEEP[:5000], -SWEEP[:5000:2], SWEEP[:5000:2]]),
+                       np.gradient(_TWO, 0.0004)),
+    "shaking": {"column__angle": 0.01 * np.sin(2 * math.pi * 48.0 * TIME)},
+    "released": _RELEASED,
+    "at rest, then moved": {"column__angle": np.where(TIME < 2.0, 0.0, (TIME - 2.0) * 0.1)},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", metrics.METRICS)
+def test_a_metric_reads_what_it_declares_and_all_of_it(name: str) -> None:
+    metric = metrics.METRICS[name]
+    arguments = {key: 1.0 if a.default is None else a.default for key, a in metric.arguments.items()}
+    signal = "/drive.torque" if metric.of_signal else None
+    check = Check(name="x", metric=name, window=(0.0, 4.0), signal=signal, arguments=arguments)
+    asked, values = set[str](), []
+    for signals in _RECORDINGS.values():
+        for how in ({}, {"idle": "no power"}, {"own_loop": True}):
+            source = Declared(Signals(**signals), metrics.signals_of(check))
+            window = Window(source, 0.0, 4.0, Parameters(), **how)  # type: ignore[arg-type]
+            values.append(metrics.evaluate(check, window).value)
+            asked |= source.asked
+    assert not all(map(math.isnan, values))  # it came to its end at least once
+    assert asked == metrics.signals_of(check)

@@ -1,6 +1,7 @@
 """How recordings are written: beside each other, on full disks, until they are killed, and with less in them."""
 
 import errno
+import html
 import json
 import os
 import random
@@ -37,6 +38,7 @@ from cls_bench.report.recorded_run import RecordedRun
 from cls_bench.scenario import parse_scenario
 from cls_bench.signals import TICK_NS, TOPIC, TOPICS, Block
 from tests.test_recording import INFO, make_block, make_blocks, rrd_columns, rrd_table
+from tests.test_recording_reading import with_result
 
 ROOT = Path(__file__).parents[1]
 
@@ -346,6 +348,46 @@ def test_the_views_of_less(tmp_path: Path) -> None:
     page = write_report([RecordedRun(result.mcap)], tmp_path / "reports").read_text()
     assert "as measured by the run" in page and f"{result['tracking']:.4g}" in page
     assert RecordedRun(result.mcap).verdict == "passed"
+
+
+def test_a_thinned_file_is_compared_with_a_full_one(tmp_path: Path) -> None:
+    full = run(parse_scenario(TOML), out=tmp_path / "full", rerun=False)
+    thin = run(parse_scenario(TOML, set=[
+        'record.signals=["/column.angle", "/load_cell.torque", "/feel.angle"]', "record.rate_hz=4000",
+    ]), out=tmp_path / "thin", rerun=False)  # fmt: skip
+    signals = ("/column.angle", "/load_cell.torque", "/drive.torque", "/feel.angle")
+    options = [word for signal in signals for word in ("--signal", signal)]
+    files = [str(full.mcap), str(thin.mcap)]
+    for pair in (files, files[::-1]):
+        done = CliRunner().invoke(main, ["compare", *pair, *options, "--out", str(tmp_path / "pages")])
+        assert done.exit_code == 0, done.output
+        *said, name = done.stdout.splitlines()
+        page = html.unescape(Path(name).read_text())
+        assert any(line.split()[:3] == ["tracking", "deg", f"{thin['tracking']:.4g}"] for line in said)
+        assert "tracking" in page and "<svg" in page  # /feel is drawn
+        left_out = [line.removeprefix("not drawn: ") for line in said if line.startswith("not drawn: ")]
+        assert [line.split(": ")[0] for line in left_out] == list(signals[:3])
+        assert f"{thin.mcap}: /column was recorded at 4000 Hz, not at 2500 Hz" in left_out[0]
+        assert f"{thin.mcap} has no topic '/drive'" in left_out[2] and str(full.mcap) not in "".join(left_out)
+        assert all(f"Not drawn: {line}" in page for line in left_out)
+
+
+@pytest.mark.parametrize("signals", ['["/column.angle"]', '["/column.*", "/load_cell.*"]'])
+def test_values_in_a_thinned_file_are_held_against_its_samples(tmp_path: Path, signals: str) -> None:
+    """Those that can be measured; the others are believed."""
+    result = run(parse_scenario(TOML, set=[f"record.signals={signals}"]), out=tmp_path, rerun=False)
+    assert RecordedRun(result.mcap).doubts == ()
+    truth = {check.check.name: check.value for check in result.checks}
+    for change, said in (
+        ({"peak": 7.5}, [f'"peak": the file says 7.5, its samples give {truth["peak"]:.6g}']),
+        ({"peak": None}, [f'"peak": the file says that it was not measured, its samples give {truth["peak"]:.6g}']),
+        ({"tracking": 7.5}, []),
+    ):
+        checks = json.dumps(truth | change)
+        edited = with_result(result.mcap, tmp_path / "edited.mcap", checks=checks)
+        opened = RecordedRun(edited)
+        assert list(opened.doubts) == said
+        assert {c.check.name: c.value for c in opened.checks} == truth | (change if not said else {})
 
 
 @pytest.mark.parametrize(

@@ -330,7 +330,7 @@ def test_comparison_tells_metrics_parameters_and_curves_apart(
     )
     assert (amplitude.first, amplitude.second) == expected
     assert amplitude.relative == pytest.approx(expected[1] / expected[0] - 1)
-    (picture,) = comparison.overlays(a, b, ["/column.angle"], Span(1.0, 5.0))
+    (picture,) = comparison.overlays(a, b, ["/column.angle"], Span(1.0, 5.0), [])
     difference = curves(picture, 1)
     ((_, y),) = difference.values()
     angles = [r.recording.read("/column", ["angle"], 1.0, 5.0, every=8)["angle"] / DEG for r in (a, b)]

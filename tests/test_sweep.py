@@ -9,7 +9,8 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
+import tracemalloc
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +25,8 @@ from cls_bench.cli import main
 from cls_bench.errors import InputError
 from cls_bench.experiment import run
 from cls_bench.parameters import Parameters
-from cls_bench.scenario import Scenario, load_scenario
-from cls_bench.signals import Block
+from cls_bench.scenario import Check, Scenario, load_scenario
+from cls_bench.signals import TOPICS, Block
 from cls_bench.sweep.core import evaluate_points
 from cls_bench.sweep.engine import Dask, Row, Threads, make_engine
 from cls_bench.sweep.journal import Journal
@@ -393,14 +394,42 @@ def test_memory_gives_what_a_recording_gives(tmp_path: Path, file: Any) -> None:
     values = measure_in_memory(scenario)
     assert values == {"status": result.status, "message": "", "peak": result["peak"], "torque": result["torque"]}
     # Signal by signal and in a window that starts between two PLC cycles.
-    memory = Memory(scenario.checks)
-    for block in Bench(Parameters(), seed=scenario.seed).run(scenario):
-        memory.keep(block)
+    names = ("/column.angle", "/feel.torque", "/drive.current", "/pilot.hand_force")
+    checks = [Check(name=name, metric="mean", signal=name, window=(0.05013, 0.15)) for name in names]
+    memory = in_memory(scenario, checks)
     ours, theirs = (Window(s, 0.05013, 0.15, Parameters()) for s in (memory, result.recording()))
-    for name in ("/column.angle", "/feel.torque", "/drive.current", "/pilot.hand_force"):
+    for name in names:
         assert len(ours[name]) > 200
         np.testing.assert_array_equal(ours[name], theirs[name])
     np.testing.assert_array_equal(ours.time, theirs.time)
+
+
+def in_memory(scenario: Scenario, checks: Sequence[Check]) -> Memory:
+    memory = Memory(checks)
+    for block in Bench(Parameters(), seed=scenario.seed).run(scenario):
+        memory.keep(block)
+    return memory
+
+
+def test_memory_holds_what_checks_read_and_no_more() -> None:
+    """800 s of it would be 16 MB for each signal, and not 400 MB."""
+    memory = Memory([
+        Check(name="peak", metric="maximum", signal="/column.angle", window=(0.0, 8.0)),
+        Check(name="shake", metric="oscillation_amplitude_deg", window=(0.0, 8.0)),
+        Check(name="force", metric="mean", signal="/pilot.hand_force", window=(1.0, 1.2)),
+    ])  # fmt: skip
+    tracemalloc.start()
+    for first in range(0, 200_000, 4000):
+        rows = {topic.path: np.ones((topic.rows(first, 4000), len(topic.signals))) for topic in TOPICS}
+        memory.keep(Block(first, 4000, rows, np.zeros((0, 1, 7))))
+    del rows
+    held, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert len(memory.read("/column", ["angle"]).time) == 20_000
+    assert len(memory.read("/pilot", ["hand_force"], 1.0, 1.2).time) == 500
+    assert held < 250_000  # 164 kB of samples, in 42 pieces
+    with pytest.raises(KeyError, match=r"no check reads /column\.torque"):
+        memory.read("/column", ["angle", "torque"])
 
 
 # --- the command -----------------------------------------------------------------------------------------------------

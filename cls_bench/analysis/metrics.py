@@ -58,6 +58,8 @@ class Metric:
     function: Callable[..., float]
     """takes the window, the signal's samples if :attr:`of_signal`, and the arguments by name"""
     arguments: Mapping[str, Argument]
+    signals: tuple[str, ...] = ()
+    """all that the function may look up in the window"""
     of_signal: bool = False
     """whether the check names the signal to measure"""
 
@@ -67,12 +69,12 @@ METRICS: dict[str, Metric] = {}
 
 
 def _metric(
-    unit: str, *, of_signal: bool = False, **arguments: Argument
+    unit: str, *, signals: tuple[str, ...] = (), of_signal: bool = False, **arguments: Argument
 ) -> Callable[[Callable[..., float]], Callable[..., float]]:
     def add(function: Callable[..., float]) -> Callable[..., float]:
         name = function.__name__
         meaning = (function.__doc__ or "").strip().splitlines()[0].rstrip(".")
-        METRICS[name] = Metric(name, unit, meaning, function, arguments, of_signal)
+        METRICS[name] = Metric(name, unit, meaning, function, arguments, signals, of_signal)
         return function
 
     return add
@@ -109,6 +111,11 @@ def validate(check: Check) -> None:
 def unit(check: Check) -> str:
     """Unit of the check's metric."""
     return METRICS[check.metric].unit or unit_of(check.signal or "")
+
+
+def signals_of(check: Check) -> frozenset[str]:
+    """All signals that the check may read: those of its metric, and the one that it names."""
+    return frozenset(METRICS[check.metric].signals) | ({check.signal} if check.signal else set())
 
 
 def evaluate(check: Check, window: Window) -> Measured:
@@ -151,6 +158,10 @@ def _periods(window: Window, frequency: float, periods: float) -> None:
     length = len(window.time) * PLC_S
     if length * frequency < periods:
         raise Unmeasured(f"a window of {length:g} s holds fewer than {periods:g} periods of {frequency:g} Hz")
+
+
+_LEADING = ("/drive.voltage", "/drive.current")
+"""What :func:`_leading` reads."""
 
 
 def _leading(window: Window) -> None:
@@ -225,6 +236,7 @@ AT_REST = 1.0 * DEG
 
 @_metric(
     "N·m",
+    signals=("/column.angle", "/load_cell.torque"),
     threshold_deg=Argument(0.5, "deg", "how far the column must have moved to count as moving", 0.001, 60.0),
     below_hz=Argument(30.0, "Hz", "faster changes are left out, as by a force gauge: blows within the backlash", 0.5,
                       1000.0),
@@ -247,7 +259,7 @@ def breakout_torque(window: Window, threshold_deg: float, below_hz: float) -> fl
     return float(np.max(np.abs(torque)))
 
 
-@_metric("N·m", at_deg=_AT)
+@_metric("N·m", signals=("/column.angle", "/load_cell.torque"), at_deg=_AT)
 def hysteresis(window: Window, at_deg: float) -> float:
     """Half the width of the torque-displacement loop at the load cell: friction and viscosity behind it together."""
     angle, torque = window["/column.angle"] - at_deg * DEG, window["/load_cell.torque"]
@@ -293,7 +305,7 @@ def _passages(window: Window, at: float) -> list[_Passage]:
     return found
 
 
-@_metric("N·m", at_deg=_AT)
+@_metric("N·m", signals=("/column.angle", "/column.velocity", "/column.torque"), at_deg=_AT)
 def static_friction(window: Window, at_deg: float) -> float:
     """Dry friction at the grip: half the width of the torque-displacement loop there, less its viscous part.
 
@@ -322,24 +334,27 @@ def static_friction(window: Window, at_deg: float) -> float:
 # --- tracking of the feel model --------------------------------------------------------------------------------------
 
 
+_TRACKING = (*_LEADING, "/column.angle", "/feel.angle")
+
+
 def _error(window: Window) -> Array:
     _leading(window)
     return window["/column.angle"] - window["/feel.angle"]
 
 
-@_metric("deg")
+@_metric("deg", signals=_TRACKING)
 def tracking_error_rms_deg(window: Window) -> float:
     """Root mean square of the column's angle less the feel model's."""
     return float(np.sqrt(np.mean(_error(window) ** 2))) / DEG
 
 
-@_metric("deg")
+@_metric("deg", signals=_TRACKING)
 def tracking_error_max_deg(window: Window) -> float:
     """Largest difference between the column's angle and the feel model's."""
     return float(np.max(np.abs(_error(window)))) / DEG
 
 
-@_metric("deg", above_hz=_ABOVE)
+@_metric("deg", signals=_TRACKING, above_hz=_ABOVE)
 def tracking_ripple_deg(window: Window, above_hz: float) -> float:
     """Root mean square of the tracking error's content above a frequency: what the gearbox lets through."""
     return float(np.std(_above(_error(window), above_hz, window))) / DEG
@@ -376,13 +391,13 @@ LEAST_MOTION = 0.01 * DEG
 """Motion of the feel model [rad] that is needed to measure how the column follows it."""
 
 
-@_metric("ms")
+@_metric("ms", signals=_TRACKING)
 def tracking_lag_ms(window: Window) -> float:
     """Delay of the column behind the feel model: the one that leaves the least error."""
     return 1e3 * _lag(window)
 
 
-@_metric("deg")
+@_metric("deg", signals=_TRACKING)
 def aligned_error_rms_deg(window: Window) -> float:
     """Root mean square of the tracking error once the lag is taken out."""
     return float(np.sqrt(np.mean(_lagged_error(window, _lag(window)) ** 2))) / DEG
@@ -409,13 +424,13 @@ def _response(window: Window, frequency: float) -> complex:
     return _phasor(window, "/column.angle", frequency) / model
 
 
-@_metric("1", frequency=_FREQUENCY)
+@_metric("1", signals=_TRACKING, frequency=_FREQUENCY)
 def tracking_amplitude_ratio(window: Window, frequency: float) -> float:
     """Amplitude of the column over that of the feel model, at a frequency."""
     return abs(_response(window, frequency))
 
 
-@_metric("ms", frequency=_FREQUENCY)
+@_metric("ms", signals=_TRACKING, frequency=_FREQUENCY)
 def tracking_phase_lag_ms(window: Window, frequency: float) -> float:
     """Phase lag of the column behind the feel model as a time, at a frequency."""
     return -1e3 * float(np.angle(_response(window, frequency))) / (2.0 * math.pi * frequency)
@@ -436,13 +451,13 @@ def _above(x: Array, frequency: float, window: Window) -> Array:
 _SHAKE = Argument(15.0, "Hz", "slower motion is left out; voluntary motion stays under 10 Hz", 0.05, 1000.0)
 
 
-@_metric("deg", above_hz=_SHAKE)
+@_metric("deg", signals=("/column.angle",), above_hz=_SHAKE)
 def oscillation_amplitude_deg(window: Window, above_hz: float) -> float:
     """Amplitude of a sine with the power of the column's motion above a frequency."""
     return math.sqrt(2.0) * float(np.std(_above(window["/column.angle"], above_hz, window))) / DEG
 
 
-@_metric("Hz", above_hz=_SHAKE)
+@_metric("Hz", signals=("/column.angle",), above_hz=_SHAKE)
 def oscillation_frequency_hz(window: Window, above_hz: float) -> float:
     """Frequency with the greatest amplitude in the column's motion above a frequency."""
     x = window["/column.angle"]
@@ -461,7 +476,7 @@ LEAST_SHAKE_DEG = 1e-4
 # --- free response ---------------------------------------------------------------------------------------------------
 
 
-@_metric("1")
+@_metric("1", signals=(*_LEADING, "/pilot.squeeze", "/column.velocity", "/column.angle"))
 def part60_tolerance_used(window: Window) -> float:
     """Largest deviation from the expected free response over its Part 60 tolerance; up to 1 is within all of them.
 
@@ -488,7 +503,7 @@ FEW_ROWS = 5
 """Rows (2 ms) after which a release at the window's start has happened."""
 
 
-@_metric("deg")
+@_metric("deg", signals=("/column.angle",))
 def rest_offset_deg(window: Window) -> float:
     """Distance of the column from the feel model's neutral at the window's end (mean of 0.1 s)."""
     if window.own_loop:
@@ -503,12 +518,14 @@ def rest_offset_deg(window: Window) -> float:
 
 
 def _share(limit: str, meaning: str) -> None:
+    signal = f"/limits.{limit}"
+
     def share(window: Window) -> float:
-        return float(np.mean(window[f"/limits.{limit}"]))
+        return float(np.mean(window[signal]))
 
     share.__name__ = f"{limit}_limited_share"
     share.__doc__ = f"Share of the window in which {meaning}."
-    _metric("1")(share)
+    _metric("1", signals=(signal,))(share)
 
 
 for _signal in TOPIC["/limits"].signals:

@@ -76,7 +76,9 @@ def compare(first: Path, second: Path, signals: tuple[str, ...], window: tuple[f
             for d in comparison.differences(a, b)
         ]
         changed = [(key, f"{x}", f"{y}", unit) for key, x, y, unit in comparison.parameter_differences(a, b)]
-        pictures = list(comparison.overlays(a, b, signals or comparison.SIGNALS, Span(*window) if window else None))
+        left_out: list[str] = []
+        span = Span(*window) if window else None
+        pictures = list(comparison.overlays(a, b, signals or comparison.SIGNALS, span, left_out))
         for run in (a, b):
             say_doubts(run.path, run.doubts)
     sections = []
@@ -91,7 +93,9 @@ def compare(first: Path, second: Path, signals: tuple[str, ...], window: tuple[f
             print_table(header, rows)
         else:
             click.echo(none)
-    click.echo(page.write_comparison(a, b, pictures, sections, out))
+    for line in left_out:
+        click.echo(f"not drawn: {line}")
+    click.echo(page.write_comparison(a, b, pictures, left_out, sections, out))
 
 
 def _percent(part: float) -> str:

@@ -13,6 +13,7 @@ from cls_bench.parameters import DEG, leaves
 from cls_bench.report.figures import Picture
 from cls_bench.report.recorded_run import RecordedRun, Span
 from cls_bench.report.style import COLOR, legend, new_figure, room_above, thin
+from cls_bench.text import printable
 
 SIGNALS = ("/column.angle", "/load_cell.torque", "/drive.torque")
 """Signals that are compared unless others are named."""
@@ -64,10 +65,13 @@ def controller_differences(first: RecordedRun, second: RecordedRun) -> list[tupl
     return [(key.partition(".")[2], one_line(x), one_line(y)) for key, x, y in pairs if x != y]
 
 
-def overlays(first: RecordedRun, second: RecordedRun, signals: Sequence[str], span: Span | None) -> Iterator[Picture]:
+def overlays(
+    first: RecordedRun, second: RecordedRun, signals: Sequence[str], span: Span | None, left_out: list[str]
+) -> Iterator[Picture]:
     """Each of ``signals`` of both runs over time, and their difference. InputError for an unknown signal.
 
-    ``span`` limits the time [s]; by default it is what both runs recorded.
+    ``span`` limits the time [s]; by default it is what both runs recorded. Signals that one of the runs does not hold,
+    or not at the PLC's rate, are named in ``left_out`` with the file and the reason.
     """
     common = Span(0.0, min(first.duration, second.duration))
     span = common if span is None else Span(max(span.start, 0.0), min(span.end, common.end))
@@ -77,6 +81,10 @@ def overlays(first: RecordedRun, second: RecordedRun, signals: Sequence[str], sp
         topic, name = split_signal(signal)
         scale, unit = _shown(unit_of(signal))
         windows = first.window(span), second.window(span)
+        missing = [line for run in (first, second) if (line := _missing(run, signal, span))]
+        if missing:
+            left_out.append(f"{signal}: {'; '.join(dict.fromkeys(missing))}")
+            continue
         rows = min(len(window.time) for window in windows)
         time = windows[0].time[:rows]
         a, b = (window[signal][:rows] / scale for window in windows)
@@ -96,6 +104,16 @@ def overlays(first: RecordedRun, second: RecordedRun, signals: Sequence[str], sp
         if not both.all():
             caption += f" {np.count_nonzero(~both)} of {rows} samples are missing and left out."
         yield Picture(f"{topic.strip('/')}_{name}", signal, caption, figure)
+
+
+def _missing(run: RecordedRun, signal: str, span: Span) -> str:
+    """Why ``signal`` of ``run`` cannot be drawn, with the file's name; empty if it can."""
+    try:
+        run.window(span)[signal]
+    except InputError as error:
+        file, reason = str(run.path), printable(str(error), 300)
+        return reason if reason.startswith(file) else f"{file}: {reason}"
+    return ""
 
 
 def _shown(unit: str) -> tuple[float, str]:

@@ -84,9 +84,13 @@ def write_gallery(runs: Sequence[RecordedRun], folder: Path) -> Path:
 
 
 def write_comparison(
-    first: RecordedRun, second: RecordedRun, pictures: Sequence[Picture], sections: Sequence[Section], folder: Path
-) -> Path:
-    """Write a page that lays two runs over each other; returns its path. Raises OutputError."""
+    first: RecordedRun, second: RecordedRun, pictures: Sequence[Picture], left_out: Sequence[str],
+    sections: Sequence[Section], folder: Path,
+) -> Path:  # fmt: skip
+    """Write a page that lays two runs over each other; returns its path. Raises OutputError.
+
+    ``left_out`` says which signals are not drawn, and why.
+    """
     owner = _owner((first, second))
     named = (("A", first), ("B", second))
     runs = [("", "recording", "scenario", "verdict")]
@@ -94,7 +98,9 @@ def write_comparison(
     doubts = [f"{name}: {doubt}" for name, run in named for doubt in run.doubts]
     shown = [Shown(p.title, p.caption, _inline(p, style.svg(p.figure, p.name)), p.table, ()) for p in pictures]
     title = "Two runs compared"
-    text = _render("compare.html", title=title, runs=runs, doubts=doubts, sections=sections, pictures=shown)
+    text = _render(
+        "compare.html", title=title, runs=runs, doubts=doubts, sections=sections, left_out=left_out, pictures=shown
+    )
     try:
         with claimed_page(folder, f"{first.path.stem}--{second.path.stem}", owner) as page:
             _write(page, owner, text)

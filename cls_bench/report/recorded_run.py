@@ -179,7 +179,7 @@ class RecordedRun:
             ours = found.get(name)
             if ours is None:
                 yield f'the file has a value of "{name}", which its scenario does not measure'
-            elif self._is_whole and not _same(math.nan if value is None else value, ours):
+            elif (self._is_whole or not math.isnan(ours)) and not _same(math.nan if value is None else value, ours):
                 yield f'"{name}": the file says {_shown(value)}, its samples give {_shown(ours)}'
 
     @cached_property
