@@ -7,6 +7,7 @@ import re
 import sys
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import asdict
 
 from tests.attacks import workers
@@ -32,11 +33,12 @@ def main() -> int:
     for kind in chosen.kinds:
         if kind not in ATTACKS:
             parser.error(f"{kind} is unknown; valid: {', '.join(ATTACKS)}")
-    outcomes = []
-    for kind in chosen.kinds or ATTACKS:
-        attack = ATTACKS[kind]
-        numbers = chosen.only or (attack.quick if chosen.quick else range(chosen.count or attack.whole))
-        outcomes += run(kind, numbers, chosen.seed, chosen.jobs, chosen.json)
+    outcomes: list[Outcome] = []
+    with suppress(KeyboardInterrupt):  # what was tried until then is told
+        for kind in chosen.kinds or ATTACKS:
+            attack = ATTACKS[kind]
+            numbers = chosen.only or (attack.quick if chosen.quick else range(chosen.count or attack.whole))
+            run(kind, numbers, chosen.seed, chosen.jobs, chosen.json, outcomes)
     rows = table(outcomes)
     if not chosen.json:
         print_table(rows)
@@ -46,8 +48,10 @@ def main() -> int:
     return 1 if any(outcome.state == "lost" for outcome in outcomes) else 0
 
 
-def run(kind: str, numbers: Sequence[int], seed: int, jobs: int, as_json: bool = False) -> list[Outcome]:
-    """Carry out trials of a kind, with progress on a terminal."""
+def run(
+    kind: str, numbers: Sequence[int], seed: int, jobs: int, as_json: bool = False, outcomes: list[Outcome] | None = None
+) -> list[Outcome]:
+    """Carry out trials of a kind, with progress on a terminal; each outcome is added to ``outcomes`` as it comes."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -63,6 +67,8 @@ def run(kind: str, numbers: Sequence[int], seed: int, jobs: int, as_json: bool =
 
         def report(outcome: Outcome) -> None:
             nonlocal lost
+            if outcomes is not None:
+                outcomes.append(outcome)
             lost += outcome.state == "lost"
             progress.update(task, advance=1, lost=lost)
             if as_json:
