@@ -49,7 +49,7 @@ def main() -> int:
 
 
 def run(
-    kind: str, numbers: Sequence[int], seed: int, jobs: int, as_json: bool = False, outcomes: list[Outcome] | None = None
+    kind: str, numbers: Sequence[int], seed: int, jobs: int, as_json: bool, outcomes: list[Outcome]
 ) -> list[Outcome]:
     """Carry out trials of a kind, with progress on a terminal; each outcome is added to ``outcomes`` as it comes."""
     from rich.console import Console
@@ -67,8 +67,7 @@ def run(
 
         def report(outcome: Outcome) -> None:
             nonlocal lost
-            if outcomes is not None:
-                outcomes.append(outcome)
+            outcomes.append(outcome)
             lost += outcome.state == "lost"
             progress.update(task, advance=1, lost=lost)
             if as_json:
