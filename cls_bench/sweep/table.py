@@ -15,6 +15,7 @@ from cls_bench.analysis import metrics
 from cls_bench.bench import versions
 from cls_bench.claims import replaced
 from cls_bench.errors import OutputError
+from cls_bench.experiment import EXIT_CODES
 from cls_bench.sweep.engine import Row, sources
 from cls_bench.sweep.plan import Plan
 
@@ -35,7 +36,8 @@ def to_table(plan: Plan, rows: Sequence[Row]) -> pa.Table:
         columns[axis.key] = _column(cells)
         fields.append(_field(axis.key, columns[axis.key].type, "", "axis"))
     columns["status"] = pa.array([row.values.get("status", ERROR) for row in rows], pa.string())
-    fields.append(_field("status", pa.string(), "", f"passed, failed, diverged, tripped, or {ERROR}"))
+    meaning = f"{', '.join(EXIT_CODES)}, or {ERROR}"
+    fields.append(_field("status", pa.string(), "", meaning))
     for check in plan.checks:
         columns[check.name] = pa.array([row.values.get(check.name) for row in rows], pa.float64())
         fields.append(_field(check.name, pa.float64(), metrics.unit(check), check.metric))
