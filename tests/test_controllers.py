@@ -109,9 +109,18 @@ def test_an_edit_of_the_same_size_and_time_is_noticed(tmp_path):
     assert Controller(Place(f"{tmp_path}/loop.py:Loop")).make(Parameters()).k == 2
 
 
+LATE = """
+class Loop:
+    LATE = True
+    def step(self, inputs):
+        import gains
+        return gains.K
+"""
+
+
 def test_modules_are_forgotten_with_the_last_object(tmp_path):
     (tmp_path / "gains.py").write_text("K = 3\n")
-    text = "import gains\nclass Loop:\n    def step(self, inputs):\n        import gains as again\n        return again.K\n"
+    text = f"import gains\n{LATE}"
     kept = made(tmp_path, text)
     gc.collect()
     modules, finders = len(sys.modules), len(sys.meta_path)
@@ -126,7 +135,7 @@ def test_modules_are_forgotten_with_the_last_object(tmp_path):
 
 
 def test_modules_of_an_object_without_weak_references_stay(tmp_path):
-    loop = made(tmp_path, "class Loop:\n    __slots__ = ()\n    def step(self, inputs):\n        import gains\n        return gains.K\n")
+    loop = made(tmp_path, LATE.replace("LATE = True", "__slots__ = ()"))
     (tmp_path / "gains.py").write_text("K = 3\n")
     gc.collect()
     assert loop.step(None) == 3

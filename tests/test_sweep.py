@@ -467,7 +467,8 @@ def test_nothing_but_errors_is_an_error(file: Any, tmp_path: Path) -> None:
 def sweep_with_controller(file: Any, tmp_path: Path, controller: str, *options: str) -> tuple[Result, list[Any]]:
     """The sweep of twelve points with a controller; its statuses."""
     path = file(GRID.replace("count = 4", "count = 6"))
-    (tmp_path / "push.toml").write_text(SCENARIO.replace("[[hand]]", '[controller]\nsource = "loop.py:Loop"\n[[hand]]', 1))
+    own = '[controller]\nsource = "loop.py:Loop"\n[[hand]]'
+    (tmp_path / "push.toml").write_text(SCENARIO.replace("[[hand]]", own, 1))
     (tmp_path / "loop.py").write_text(controller)
     result = call(path, "--out", tmp_path / "out", *options)
     table = tmp_path / "out" / "table.parquet"
