@@ -88,7 +88,7 @@ class Bench:
     """The rig with one set of parameters, from standstill at neutral.
 
     ``seed`` seeds the sensors' noise. ``controller`` replaces the feel model in the PLC by a user's own outer loop.
-    Raises :class:`InputError` if the parameters make a model that cannot be stepped.
+    Raises :class:`InputError` if the parameters make a model that cannot be stepped, and MemoryError.
     """
 
     def __init__(self, parameters: Parameters, *, seed: int = 0, controller: OuterLoop | None = None):
@@ -99,6 +99,8 @@ class Bench:
         try:
             self.model: Any = plant_model.stepped_spec(parameters).compile()
         except ValueError as error:
+            if "allocate" in str(error):  # MuJoCo tells of it as of a wrong model
+                raise MemoryError("no memory is left for the model") from None
             raise InputError(f"these parameters make no valid model: {str(error).splitlines()[0]}") from None
         self._built = parameters
         self.data: Any = mujoco.MjData(self.model)

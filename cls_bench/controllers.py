@@ -21,13 +21,14 @@ import sys
 import threading
 import time
 import tomllib
+import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from importlib.machinery import ModuleSpec, PathFinder, SourceFileLoader
 from pathlib import Path
 from types import CodeType, ModuleType
-from typing import Any
+from typing import Any, ClassVar
 
 from cls_bench.errors import BenchError, ControllerError, InputError, one_line
 from cls_bench.interrupts import is_ctrl_c
@@ -117,13 +118,16 @@ def fingerprint(place: Place) -> str:
 class Controller:
     """A controller that was found and imported; :meth:`make` gives an object for a run.
 
-    Raises InputError if there is no such file, module or name, and ControllerError if the import fails.
+    A file is imported anew for each, so what its modules keep is shared by the objects of one Controller alone. Once
+    neither it nor an object that it made is left, they are forgotten. Raises InputError if there is no such file,
+    module or name, and ControllerError if the import fails.
     """
 
     def __init__(self, place: Place):
         place.check()
         self.place = place
         self._loaded: dict[Path, bytes] = {}
+        self._modules: weakref.finalize[Any, Any] | None = None
         module = self._import()
         made = vars(module).get(place.name)
         if made is None:
@@ -146,7 +150,16 @@ class Controller:
             loop = self._make(**arguments)
         if not callable(getattr(type(loop), "step", None) or getattr(loop, "step", None)):
             raise InputError(f"{self._said}: what {self.place.name}() gives has no method step(inputs)")
+        self._live_as_long_as(loop)
         return loop
+
+    def _live_as_long_as(self, loop: Any) -> None:
+        """It may import, pickle or look up its modules at any time."""
+        try:
+            weakref.finalize(loop, _forget, self).atexit = False
+        except TypeError:  # an object of which nobody can say when it goes: its modules stay
+            if self._modules is not None:
+                self._modules.detach()
 
     @property
     def metadata(self) -> dict[str, str]:
@@ -189,8 +202,9 @@ class Controller:
         package.__path__ = [str(folder)]
         sys.modules[package.__name__] = package
         full = f"{package.__name__}.{name}"
-        finder = _Beside(package.__name__, folder, self._loaded, {full: file} if file is not None else {})
-        sys.meta_path.insert(0, finder)
+        _Beside(package.__name__, folder, self._loaded, {full: file} if file is not None else {})
+        self._modules = weakref.finalize(self, _Beside.drop, package.__name__)
+        self._modules.atexit = False
         with self._user_import():
             return importlib.import_module(full)
 
@@ -264,17 +278,42 @@ def _stands_in(folder: Path, name: str) -> bool:
     return (folder / f"{name}.py").is_file() or (folder / name / "__init__.py").is_file()
 
 
+def _forget(controller: Controller) -> None:
+    """Nothing is left to do: being called with it kept it alive."""
+
+
 class _Beside:
-    """Finds the modules of one user's folder, under the package made for it."""
+    """Finds the modules of one user's folder, under the package made for it.
+
+    The class itself is the one finder of the import system, for the folders of all.
+    """
+
+    _alive: ClassVar[dict[str, "_Beside"]] = {}
+    _installing: ClassVar[threading.Lock] = threading.Lock()
 
     def __init__(self, package: str, folder: Path, loaded: dict[Path, bytes], files: Mapping[str, Path]):
         self._package, self._folder, self._loaded, self._files = package, folder, loaded, files
         self._builtins = {**vars(builtins), "__import__": self._import}
+        self._alive[package] = self
+        with self._installing:
+            if _Beside not in sys.meta_path:
+                sys.meta_path.insert(0, _Beside)
 
-    def find_spec(self, name: str, path: Any = None, target: Any = None) -> ModuleSpec | None:
+    @classmethod
+    def drop(cls, package: str) -> None:
+        """Forget a folder's package and its modules."""
+        cls._alive.pop(package, None)
+        for name in list(sys.modules):
+            if name.partition(".")[0] == package:
+                sys.modules.pop(name, None)
+
+    @classmethod
+    def find_spec(cls, name: str, path: Any = None, target: Any = None) -> ModuleSpec | None:
         """As the import system asks."""
-        if not name.startswith(f"{self._package}."):
-            return None
+        beside = cls._alive.get(name.partition(".")[0])
+        return None if beside is None else beside._find(name, path)
+
+    def _find(self, name: str, path: Any) -> ModuleSpec | None:
         if name in self._files:
             file = str(self._files[name])
             return importlib.util.spec_from_file_location(name, file, loader=self._loader(name, file))

@@ -1,6 +1,7 @@
 """Controllers of the user's own: how they are found and made, and what becomes of those that misbehave."""
 
 import dataclasses
+import gc
 import hashlib
 import json
 import subprocess
@@ -106,6 +107,38 @@ def test_an_edit_of_the_same_size_and_time_is_noticed(tmp_path):
     (tmp_path / "loop.py").write_text(STILL + "    k = 2\n")
     os.utime(tmp_path / "loop.py", ns=(stamp.st_atime_ns, stamp.st_mtime_ns))
     assert Controller(Place(f"{tmp_path}/loop.py:Loop")).make(Parameters()).k == 2
+
+
+LATE = """
+class Loop:
+    LATE = True
+    def step(self, inputs):
+        import gains
+        return gains.K
+"""
+
+
+def test_modules_are_forgotten_with_the_last_object(tmp_path):
+    (tmp_path / "gains.py").write_text("K = 3\n")
+    text = f"import gains\n{LATE}"
+    kept = made(tmp_path, text)
+    gc.collect()
+    modules, finders = len(sys.modules), len(sys.meta_path)
+    for _ in range(20):
+        made(tmp_path, text)
+        with pytest.raises(ControllerError):
+            made(tmp_path, "import gains\n1 / 0\n", file="bad.py")
+    gc.collect()
+    assert len(sys.modules) == modules
+    assert len(sys.meta_path) == finders
+    assert kept.step(None) == 3  # what is in use still finds its own
+
+
+def test_modules_of_an_object_without_weak_references_stay(tmp_path):
+    loop = made(tmp_path, LATE.replace("LATE = True", "__slots__ = ()"))
+    (tmp_path / "gains.py").write_text("K = 3\n")
+    gc.collect()
+    assert loop.step(None) == 3
 
 
 def test_arguments_and_parameters_are_passed_by_name(tmp_path):

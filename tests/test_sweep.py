@@ -22,6 +22,7 @@ from click.testing import CliRunner, Result
 from cls_bench.analysis.window import Window
 from cls_bench.bench import Bench, DivergedError
 from cls_bench.cli import main
+from cls_bench.cli.worker import THREAD_MB, Limits
 from cls_bench.errors import InputError
 from cls_bench.experiment import run
 from cls_bench.parameters import Parameters
@@ -490,6 +491,73 @@ def test_nothing_but_errors_is_an_error(file: Any, tmp_path: Path) -> None:
     assert result.exit_code == 2
     assert "no point could be evaluated" in result.stderr
     assert pq.read_table(tmp_path / "out" / "table.parquet").num_rows == 8
+
+
+def sweep_with_controller(file: Any, tmp_path: Path, controller: str, *options: str) -> tuple[Result, list[Any]]:
+    """The sweep of twelve points with a controller; its statuses."""
+    path = file(GRID.replace("count = 4", "count = 6"))
+    own = '[controller]\nsource = "loop.py:Loop"\n[[hand]]'
+    (tmp_path / "push.toml").write_text(SCENARIO.replace("[[hand]]", own, 1))
+    (tmp_path / "loop.py").write_text(controller)
+    result = call(path, "--out", tmp_path / "out", *options)
+    table = tmp_path / "out" / "table.parquet"
+    return result, pq.read_table(table)["status"].to_pylist() if table.exists() else []
+
+
+LOOP = "from cls_bench import Command\nclass Loop:\n    def step(self, inputs): return Command(0.0)\n"
+
+
+def test_many_workers_have_the_memory_they_need(file: Any, tmp_path: Path) -> None:
+    result, statuses = sweep_with_controller(file, tmp_path, LOOP, "--scheduler", "threads:32")
+    assert result.exit_code == 0, result.output
+    assert statuses == ["passed"] * 12
+
+
+@pytest.mark.slow
+def test_a_cluster_has_the_memory_it_needs(file: Any, tmp_path: Path) -> None:
+    pytest.importorskip("distributed")
+    result, statuses = sweep_with_controller(file, tmp_path, LOOP, "--scheduler", "local-cluster:2")
+    assert result.exit_code == 0, result.output
+    assert statuses == ["passed"] * 12
+
+
+def test_limits_grow_with_the_workers() -> None:
+    assert Limits().tree_mb == 600
+    assert Limits(megabytes=100, threads=4).process_mb == 4 * 100 + 3 * THREAD_MB
+    one, two = (Limits(processes=n).tree_mb for n in (1, 2))
+    assert two - one > Limits().megabytes
+
+
+def test_a_controller_that_takes_too_much_ends_the_sweep(file: Any, tmp_path: Path) -> None:
+    greedy = LOOP.replace("return", "KEEP.append(bytearray(2**20)); return") + "KEEP = []\n"
+    options = "--scheduler", "threads:2", "--controller-memory", "50"
+    result, statuses = sweep_with_controller(file, tmp_path, greedy, *options)
+    assert result.exit_code == 5
+    assert "error: " in result.stderr
+    assert "passed" not in statuses
+
+
+def test_a_controller_that_cannot_be_made_has_failed(file: Any, tmp_path: Path) -> None:
+    odd = LOOP.replace("    def step", "    def __init__(self, parameters): CHECK\n    def step")
+    result, statuses = sweep_with_controller(file, tmp_path, odd.replace("CHECK", "1 / 0"))
+    assert result.exit_code == 5
+    assert "the controller failed at every point" in result.stderr
+    assert statuses == ["controller_failed"] * 12
+    (tmp_path / "out" / "points.jsonl").unlink()
+    some = odd.replace("CHECK", "1 / (parameters.feel.inertia > 0.25)")
+    result, statuses = sweep_with_controller(file, tmp_path, some)
+    assert result.exit_code == 0, result.output
+    assert statuses == ["controller_failed"] * 2 + ["passed"] * 10
+
+
+def test_no_memory_is_no_wrong_model(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Spec:
+        def compile(self) -> None:
+            raise ValueError("Error: Could not allocate memory")
+
+    monkeypatch.setattr("cls_bench.plant.model.stepped_spec", lambda parameters: Spec())
+    with pytest.raises(MemoryError, match="no memory"):
+        Bench(Parameters())
 
 
 class Fragile(Bench):

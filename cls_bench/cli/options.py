@@ -65,15 +65,31 @@ class GivenController:
 
 def controller_options(function: Callable[..., Any]) -> Callable[..., Any]:
     """Options that put a controller of the user's own in place of the feel model; passed on as ``controller``."""
-    from cls_bench.cli.worker import Limits
 
     @functools.wraps(function)
     def command(
-        *arguments: Any, controller: str | None, controller_arg: tuple[str, ...], controller_timeout: float,
-        controller_memory: int, **options: Any,
-    ) -> Any:  # fmt: skip
-        limits = Limits(controller_timeout, controller_memory)
+        *arguments: Any, controller: str | None, controller_arg: tuple[str, ...], limits: "Limits", **options: Any
+    ) -> Any:
         return function(*arguments, controller=GivenController(controller, controller_arg, limits), **options)
+
+    wrapped: Callable[..., Any] = limit_options(command)
+    for option in (
+        click.option("--controller-arg", metavar="KEY=VALUE", multiple=True,
+                     help="Argument with which NAME is called; may be given again."),
+        click.option("--controller", metavar="FILE.py:NAME",
+                     help="Your own controller instead of the feel model, also package.module:NAME; NAME makes it."),
+    ):  # fmt: skip
+        wrapped = option(wrapped)
+    return wrapped
+
+
+def limit_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Options of what a controller of the user's own may take; passed on as ``limits``."""
+    from cls_bench.cli.worker import Limits
+
+    @functools.wraps(function)
+    def command(*arguments: Any, controller_timeout: float, controller_memory: int, **options: Any) -> Any:
+        return function(*arguments, limits=Limits(controller_timeout, controller_memory), **options)
 
     wrapped: Callable[..., Any] = command
     default = Limits()
@@ -82,10 +98,6 @@ def controller_options(function: Callable[..., Any]) -> Callable[..., Any]:
                      show_default=True, metavar="MB", help="Memory that your controller may take."),
         click.option("--controller-timeout", type=FiniteRange(0.1, 3600), default=default.seconds, show_default=True,
                      metavar="S", help="Longest time for its import, for making it, and for one step [s]."),
-        click.option("--controller-arg", metavar="KEY=VALUE", multiple=True,
-                     help="Argument with which NAME is called; may be given again."),
-        click.option("--controller", metavar="FILE.py:NAME",
-                     help="Your own controller instead of the feel model, also package.module:NAME; NAME makes it."),
     ):  # fmt: skip
         wrapped = option(wrapped)
     return wrapped

@@ -24,9 +24,6 @@ from cls_bench.errors import BenchError, ControllerError, ExitCode, Interrupted
 MOST_PRINTED = 64_000
 """Letters that the controller may print; the rest is left out."""
 
-TREE_MB = 600
-"""Memory that the worker and all processes it started may hold together, with 400 MB for the controller [MB]."""
-
 _GRACE_S = 3.0
 _START_S = 300.0  # to import and compile
 
@@ -140,9 +137,8 @@ class _Worker:
             raise ControllerEndedError(f"the controller {self._stuck[0]}")
         if now - self._heard > self._silence:
             raise ControllerEndedError(f"the controller did not come back within {limits.seconds:g} s")
-        most = TREE_MB + limits.megabytes - Limits().megabytes
-        if self._memory() > most * 2**20:
-            raise ControllerEndedError(f"the controller takes more memory than the {limits.megabytes} MB it may")
+        if self._memory() > limits.tree_mb * 2**20:
+            raise ControllerEndedError(f"the controller takes more memory than {_allowed(limits)}")
 
     def _take(self, descriptor: int) -> bytes | None:
         """What can be read now; empty at the end."""
@@ -220,6 +216,11 @@ def _descendants(pid: int) -> list[int]:
             for child in map(int, children.read_text().split()):
                 found += [child, *_descendants(child)]
     return found
+
+
+def _allowed(limits: Limits) -> str:
+    workers = limits.processes or limits.threads
+    return f"the {limits.megabytes} MB it may" + (f" in each of {workers} workers" if workers > 1 else "")
 
 
 def _how(code: int | None) -> str:

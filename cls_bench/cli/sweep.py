@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from cls_bench.cli.options import limit_options
 from cls_bench.cli.output import number, print_json, print_table, results_folder
-from cls_bench.errors import InputError, Interrupted, OutputError
+from cls_bench.errors import ControllerError, InputError, Interrupted, OutputError
 
 if TYPE_CHECKING:
+    from cls_bench.cli.worker import Limits
     from cls_bench.sweep.core import Report
     from cls_bench.sweep.engine import Engine, Row
     from cls_bench.sweep.plan import Plan
@@ -24,15 +26,17 @@ if TYPE_CHECKING:
 @click.option("--scheduler", default="threads", show_default=True, metavar="WHERE",
               help="threads, threads:N, local-cluster:N (N Dask workers here), or the tcp:// address of a Dask "
                    "scheduler.")  # fmt: skip
+@limit_options
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of tables.")
-def sweep(file: Path, out: Path | None, resume: bool, scheduler: str, as_json: bool) -> None:
+def sweep(file: Path, out: Path | None, resume: bool, scheduler: str, limits: "Limits", as_json: bool) -> None:
     """Run a scenario at many points and collect its metrics.
 
     Writes table.parquet, figure.png and figure.svg; points that fail are rows with their error. Ctrl-C keeps the
-    points that are done, in points.jsonl; --resume continues from there.
+    points that are done, in points.jsonl; --resume continues from there. The memory of a controller of your own is
+    limited for each worker.
     """
     began = time.time()
-    from cls_bench.experiment import RECORDINGS
+    from cls_bench.experiment import CONTROLLER_FAILED, RECORDINGS
     from cls_bench.report.style import save
     from cls_bench.report.sweep_figure import sweep_figure
     from cls_bench.sweep.engine import make_engine
@@ -50,13 +54,13 @@ def sweep(file: Path, out: Path | None, resume: bool, scheduler: str, as_json: b
                 rows = _evaluate(report, plan, journal, resume, engine)
             else:
                 from cls_bench.cli.supervisor import supervised
-                from cls_bench.cli.worker import Limits
 
                 def tell(*what: Any) -> None:
                     if len(what) == 2:
                         report(*what)
 
-                rows = supervised(_evaluate, plan, journal.absolute(), resume, engine, limits=Limits(), tell=tell)
+                limits = limits._replace(threads=engine.threads, processes=engine.processes)
+                rows = supervised(_evaluate, plan, journal.absolute(), resume, engine, limits=limits, tell=tell)
     except KeyboardInterrupt:
         raise Interrupted(f"interrupted; kept: {journal}; continue with --resume") from None
     table_path = folder / "table.parquet"
@@ -76,6 +80,9 @@ def sweep(file: Path, out: Path | None, resume: bool, scheduler: str, as_json: b
             click.echo(f"  {path}")
     if all(row.error for row in rows):
         raise InputError(f"{file}: no point could be evaluated; the first says: {rows[0].error}")
+    if all(row.values.get("status") == CONTROLLER_FAILED for row in rows):
+        said = rows[0].values["message"]
+        raise ControllerError(f"{file}: the controller failed at every point; at the first: {said}")
 
 
 def _evaluate(report: "Report", plan: "Plan", journal: Path, resume: bool, engine: "Engine") -> "list[Row]":

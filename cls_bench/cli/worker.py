@@ -28,6 +28,15 @@ BEAT_S = 0.5
 
 LENGTH = struct.Struct("<Q")
 
+OWN_MB = 200
+"""Memory that cls-bench holds itself, loaded and compiled [MB]."""
+
+THREAD_MB = 64
+"""Memory that one more thread takes: its stack, its share of the allocator, a model and the samples of a run [MB]."""
+
+DASK_MB = 300
+"""Memory that a process takes more as part of a Dask cluster [MB]."""
+
 _PARENT_DIES = 1  # prctl: the signal that comes when the parent dies
 
 
@@ -37,7 +46,22 @@ class Limits(NamedTuple):
     seconds: float = 10.0
     """longest time for the import, for making the object, and for one step [s]"""
     megabytes: int = 400
-    """memory beyond what cls-bench takes itself [MB]"""
+    """memory beyond what cls-bench takes itself, for each of its workers [MB]"""
+    threads: int = 1
+    """workers that are threads of the process"""
+    processes: int = 0
+    """workers that are processes of their own, started by it"""
+
+    @property
+    def process_mb(self) -> int:
+        """What the process may take beyond what it took before it began [MB]."""
+        cluster = DASK_MB if self.processes else 0  # it is handed down to the worker processes
+        return self.threads * self.megabytes + (self.threads - 1) * THREAD_MB + cluster
+
+    @property
+    def tree_mb(self) -> int:
+        """What it and all processes that it started may hold together [MB]."""
+        return OWN_MB + self.process_mb + self.processes * (OWN_MB + DASK_MB + self.megabytes)
 
 
 class Job(NamedTuple):
@@ -117,7 +141,7 @@ def _get_ready(channel: _Channel, limits: Limits) -> None:
     status = Path("/proc/self/status")
     if status.is_file():
         used = next(int(line.split()[1]) for line in status.read_text().splitlines() if line.startswith("VmData"))
-        limit = used * 1024 + limits.megabytes * 2**20
+        limit = used * 1024 + limits.process_mb * 2**20
         _, hard = resource.getrlimit(resource.RLIMIT_DATA)
         resource.setrlimit(resource.RLIMIT_DATA, (min(limit, hard) if hard >= 0 else limit, hard))
         # What a failed controller still holds must not keep its recording from being finished.

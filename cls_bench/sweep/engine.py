@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from itertools import islice
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 from cls_bench.errors import BenchError, InputError, OutputError
 from cls_bench.resources import model_folder
@@ -49,6 +49,16 @@ Numbered = tuple[int, Point]
 
 class Engine(Protocol):
     """Evaluates points in parallel."""
+
+    @property
+    def threads(self) -> int:
+        """Threads of this process that evaluate"""
+        ...
+
+    @property
+    def processes(self) -> int:
+        """Processes started for the run that evaluate"""
+        ...
 
     def run(self, evaluate: Evaluate, points: Iterable[Numbered]) -> Generator[Row, None, None]:
         """Rows as they are done; when the iterator is closed, points not yet begun are dropped."""
@@ -104,6 +114,12 @@ class Threads:
     """Threads of this process: the compiled loop runs without the interpreter's lock."""
 
     workers: int
+    processes: ClassVar[int] = 0
+
+    @property
+    def threads(self) -> int:
+        """As :attr:`Engine.threads`."""
+        return self.workers
 
     def run(self, evaluate: Evaluate, points: Iterable[Numbered]) -> Generator[Row, None, None]:
         """As :meth:`Engine.run`; on closing it waits for the points that are being evaluated."""
@@ -149,6 +165,12 @@ class Dask:
     """of the scheduler; None to start one here"""
     workers: int = 1
     """worker processes to start here"""
+    threads: ClassVar[int] = 1
+
+    @property
+    def processes(self) -> int:
+        """As :attr:`Engine.processes`."""
+        return self.workers if self.address is None else 0
 
     def run(self, evaluate: Evaluate, points: Iterable[Numbered]) -> Generator[Row, None, None]:
         """As :meth:`Engine.run`. Raises InputError without Dask, scheduler or workers, or if sources differ."""

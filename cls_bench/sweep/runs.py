@@ -1,5 +1,6 @@
 """Evaluate a scenario at a point without writing a recording: only what the checks read is kept, in memory."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -7,7 +8,7 @@ from pathlib import Path
 from cls_bench.analysis.memory import Memory
 from cls_bench.bench import Bench, DivergedError
 from cls_bench.errors import ControllerError
-from cls_bench.experiment import ending, make_controller, measure
+from cls_bench.experiment import CONTROLLER_FAILED, ending, make_controller, measure
 from cls_bench.scenario import Check, Scenario, parse_scenario
 from cls_bench.sweep.engine import Point, Value
 from cls_bench.sweep.plan import Plan, override
@@ -16,10 +17,16 @@ from cls_bench.sweep.plan import Plan, override
 def measure_in_memory(scenario: Scenario) -> dict[str, Value]:
     """Run ``scenario`` and return its status, what went wrong (``message``), and its checks' values by name.
 
-    Checks whose window a diverged run did not reach are NaN. Raises InputError if the bench cannot be built.
+    Checks whose window a run did not reach are NaN, all of them if its controller could not be made. Raises InputError
+    if the bench cannot be built.
     """
     parameters = scenario.parameters_at_start()
-    bench = Bench(parameters, seed=scenario.seed, controller=make_controller(scenario, parameters))
+    try:
+        loop = make_controller(scenario, parameters)
+    except ControllerError as error:  # no run came of it, so there is nothing to measure
+        nothing = dict.fromkeys((check.name for check in scenario.checks), math.nan)
+        return {"status": CONTROLLER_FAILED, "message": str(error), **nothing}
+    bench = Bench(parameters, seed=scenario.seed, controller=loop)
     memory = Memory(scenario.checks)
     failure: DivergedError | ControllerError | None = None
     try:
