@@ -96,6 +96,22 @@ FORMS: dict[str, tuple[str | bytes, str, str]] = {
     "dates": (text(times=[f"2024-03-01T23:59:{58 + int(t):02d}" if t < 2 else f"2024-03-02T00:00:{int(t) - 2:02d}"
                           for t in TIMES], row="{t},{v:.4f}"), "", "dates"),
     "times of day": (text(times=[f"9:41:{t:07.4f}" for t in TIMES], row="{t},{v:.4f}"), "", "dates or times of day"),
+    "times of day over midnight": (text(times=[f"23:59:{58 + t:07.4f}" if t < 2 else f"0:00:{t - 2:07.4f}"
+                                               for t in TIMES], row="{t},{v:.4f}"), "", "passes midnight 1 time"),
+    "minutes and seconds by key": (text(times=[f"59:{58 + t:07.4f}" if t < 2 else f"60:{t - 2:07.4f}" for t in TIMES],
+                                        row="{t},{v:.4f}"), 'time_unit = "min"\n', "dates or times of day"),
+    "minutes and seconds in the header": (text(head="time [mm:ss.fff],force", times=[f"00:{t:07.4f}" for t in TIMES],
+                                               row="{t},{v:.4f}"), "", "dates or times of day"),
+    "hours and minutes by key": (text(times=[f"10:{t / 60:010.7f}" for t in TIMES], row="{t},{v:.4f}"),
+                                 'time_unit = "h"\n', "dates or times of day"),
+    "days of a spreadsheet": (text(times=[f"{45000.5 + t / 86400:.11f}" for t in TIMES], row="{t},{v:.4f}"),
+                              'time_unit = "d"\n', "time in d"),
+    "days in the header": (text(head="time [days],force", times=TIMES / 86400, row="{t:.12f},{v:.4f}"), "", "in d"),
+    "another unit with a scale": (text(head="time,force [mA]"), "scale = 1\n", ""),
+    "another unit in a row with a scale": (PLAIN.replace("force\n", "force\ns,mA\n"), "scale = 1\n", "row of units"),
+    "the same unit twice": (text(head="time [s],force [N]\nsec,Newton"), "", "row of units"),
+    "two units and the keys": (text(head="time [s],force [kN]\nms,N", times=1e3 * TIMES),
+                               'time_unit = "ms"\nscale = 1\n', "time in ms"),
     "before the trigger": (text(times=TIMES - 0.5), "", r"126 of them within"),
     "all before zero": (text(times=TIMES - 100.0), "", "clock starts at -100, taken as 0"),
     "trailing separators": (PLAIN.replace("\n", ",,\n") + ",,,\n,\n\n", "", ""),
@@ -136,9 +152,37 @@ def test_repeated_stamps_are_averaged_and_counted(tmp_path: Path) -> None:
     assert hand.values[0] == pytest.approx(0.5 * (FORCES[0] + FORCES[1]))
 
 
-def test_an_angle_is_read_in_degrees(tmp_path: Path) -> None:
-    hand, _ = read(tmp_path, text(head="time,force [deg]"), unit="deg")
+@pytest.mark.parametrize("gap", ["5e-324", "1e-320", "1e-13", "0.00004"])
+@pytest.mark.parametrize("unit", ["N", "deg"])
+def test_stamps_less_than_a_tick_apart_are_averaged(tmp_path: Path, gap: str, unit: str) -> None:
+    hand, note = read(tmp_path, f"time,force\n0,50\n{gap},-40\n3,30\n", unit=unit)
+    assert "2 with time stamps less than a tick (50 µs) apart averaged" in note
+    assert hand.times == pytest.approx([0.0, 3.0])
+    assert hand.values == pytest.approx(np.radians([5.0, 30.0]) if unit == "deg" else [5.0, 30.0])
+
+
+def test_a_record_faster_than_the_tick_is_thinned_and_one_as_fast_kept(tmp_path: Path) -> None:
+    for step, count in ((5e-5, 60_001), (1e-5, 12_001)):
+        stamps = 1.7e9 + step * np.arange(60_001)
+        content = text(head="time [s],force", times=stamps, values=np.sin(stamps), row="{t:.7f},{v:.4f}")
+        hand, _ = read(tmp_path, content)
+        assert len(hand.times) == pytest.approx(count, rel=1e-3)
+        assert np.all(np.diff(hand.times) > 4.9e-5)
+
+
+@pytest.mark.parametrize("head", ["time,force [deg]", "time,force (°)", "time,force / degrees", "time,force"])
+def test_an_angle_is_read_in_degrees(tmp_path: Path, head: str) -> None:
+    hand, _ = read(tmp_path, text(head=head), unit="deg")
     assert hand.values == pytest.approx(np.radians(FORCES))
+
+
+@pytest.mark.parametrize(("unit", "hint"), [("rad", "57.2957795131"), ("grad", "the deg in one"), ("N", "the deg in")])
+def test_an_angle_in_another_unit_needs_a_scale(tmp_path: Path, unit: str, hint: str) -> None:
+    content = text(head=f"time,force [{unit}]", values=FORCES / 100)
+    message = refused(tmp_path, content, unit="deg")
+    assert f'names "{unit}"' in message
+    assert hint in message
+    assert read(tmp_path, content, "scale = 0.9\n", unit="deg")[0].values == pytest.approx(np.radians(0.009 * FORCES))
 
 
 def test_time_zero_picks_a_part(tmp_path: Path) -> None:
@@ -194,6 +238,30 @@ REFUSED: dict[str, tuple[str | bytes, str, str]] = {
     "a picture": (b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR" + bytes(range(256)), "", "is not a text file"),
     "half a letter of UTF-16": (b"\xff\xfe\x00", "", "is not a text file"),
     "an open quote": ('time,force\n0,"1\n' + "1,2\n" * 60_000, "", "line .*: "),
+    "minutes and seconds": ("time,force\n00:00.900,1\n00:01.000,2\n", "",
+                            'line 2: "00:00.900" may be mm:ss or hh:mm; give time_unit = "min" or "h"'),
+    "a clock of two fields": ("time [s],force\n00:00,1\n00:01,2\n", "", "may be mm:ss or hh:mm"),
+    "frames of a timecode": ("time,force\n10:00:00:00,1\n10:00:00:24,2\n", "", "line 2: .* third colon; frames"),
+    "frames that are dropped": ("time,force\n10:00:00;00,1\n10:00:00;24,2\n", 'delimiter = ","\n', "third colon"),
+    "a timecode later": ("time,force\n10:00:00,1\n10:00:00:500,2\n", "", "line 3: .* third colon"),
+    "a timecode on a date": ("time,force\n2024-03-01 10:00:00:500,1\n", "", "line 2: .* third colon"),
+    "a date and two fields with a fraction": ("time,force\n2024-03-01 10:00.5,1\n", "", "needs a number for time"),
+    **{f"force in {unit}": (text(head=f"time,force {unit}"), "", rf'names "{re.escape(unit[1:-1])}" .* give scale')
+       for unit in ("[mA]", "(V)", "(oz)", "[Nm]", "[%]", "[gon]", "[grad]", "[bananas]")},
+    "another unit after a slash": (text(head="time,force / V"), "", 'names "V" as the unit .* give scale'),
+    "another unit in the name": (text(head="time,force_mA"), "", 'names "mA" as the unit .* give scale'),
+    "another unit in a row": (PLAIN.replace("force\n", "force\ns,mA\n"), "", 'names "mA" as the unit'),
+    "kilonewtons over a row without": (text(head="time,force [kN]\ns,"), "", 'names "kN" .* give scale = 1000'),
+    "meganewtons": (text(head="time,force [MN]"), "", "give scale = 1000000"),
+    "two units of time": (text(head="time [s],force\nms,N"), "", 'line 2: names "ms" .* header names "s"; .* time_unit'),
+    "two units of force": (text(head="time,force [kN]\ns,N"), "", 'line 2: names "N" .* header names "kN"; give scale'),
+    "days of a spreadsheet": (text(times=[f"{45000.5 + t / 86400:.11f}" for t in TIMES], row="{t},{v:.4f}"), "",
+                              'give time_unit = "d" if it counts the days of a spreadsheet'),
+    "a FILETIME": (text(times=[133_500_000_000_000_000 + round(1e7 * t) for t in TIMES], row="{t},{v:.4f}"), "",
+                   r"100 ns \(FILETIME, since 1601\).* give a column of seconds"),
+    "a clock within the segment": (text(times=TIMES + 2.0), "", "give time_zero, .* such as 2, or time_unit"),
+    "dates far apart": ("time,force\n2024-03-01T00:00,1\n2024-03-01T00:01,2\n", "", "give time_zero"),
+    "time without end": ("time,force\n0,1\n1e308,2\n", 'time_unit = "h"\n', "line 3: time 1e.308 is no time"),
     "a mixture of dates": ("time,force\n2024-03-01T00:00:00,1\n2024-03-01T00:00:01Z,2\n", "", "line 3: .* no date"),
 }  # fmt: skip
 

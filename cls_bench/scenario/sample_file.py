@@ -27,7 +27,8 @@ MOST_BYTES = 64_000_000
 """Largest sample file [B]: an hour at 1 kHz."""
 
 DELIMITERS = (",", ";", "\t", "|", " ")
-TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0,
+              "d": 86400.0}  # fmt: skip
 """Length of a unit of time [s]."""
 
 FASTEST = 60.0
@@ -42,16 +43,20 @@ _SPELT = {
     "us": "us", "µs": "us", "μs": "us", "usec": "us", "micros": "us", "microsecond": "us", "microseconds": "us",
     "ns": "ns", "nsec": "ns", "nanosecond": "ns", "nanoseconds": "ns",
     "min": "min", "minute": "min", "minutes": "min", "h": "h", "hour": "h", "hours": "h",
+    "d": "d", "day": "d", "days": "d",
 }  # fmt: skip
 """Units of time as headers spell them."""
 
 _FACTORS = {
     "deg": {"deg": 1.0, "°": 1.0, "degree": 1.0, "degrees": 1.0,
             "rad": 180.0 / math.pi, "mrad": 0.18 / math.pi},
-    "N": {"n": 1.0, "newton": 1.0, "newtons": 1.0, "kn": 1e3, "mn": 1e-3, "dan": 10.0, "lbf": 4.4482216152605,
-          "lb": 4.4482216152605, "kgf": 9.80665, "kp": 9.80665, "kg": 9.80665, "g": 9.80665e-3},
+    "N": {"n": 1.0, "newton": 1.0, "newtons": 1.0, "kn": 1e3, "mn": 1e-3, "MN": 1e6, "dan": 10.0,
+          "lbf": 4.4482216152605, "lb": 4.4482216152605, "kgf": 9.80665, "kp": 9.80665, "kg": 9.80665, "g": 9.80665e-3},
 }  # fmt: skip
 """For each unit a segment can have, the factor from units that a header may name."""
+
+_OTHER_UNITS = ("mv", "ma", "nm", "oz", "gon", "grad", "pct", "percent")
+"""Units of no known factor that end a header such as ``force_mA``; in brackets any unit is seen."""
 
 _TIME_NAMES = ("time", "t", "timestamp", "time stamp", "timestamps", "times", "zeit", "zeitstempel", "elapsed")
 """Headers that mean the time where no column is named."""
@@ -62,6 +67,23 @@ _SEARCHED = 200
 _COMMENT = re.compile(r"\s*(#|%|//)")
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+", re.ASCII)
+_ZONE = r"(?P<zone>Z|[+-]\d\d(?::?\d\d)?)?"
+_CLOCK = re.compile(r"(\d{1,4}):([0-5]\d)(?::([0-5]\d))?(\.\d+)?" + _ZONE, re.ASCII)
+_DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d(\.\d+)?)?" + _ZONE, re.ASCII)
+_TIMECODE = re.compile(r"(\d{4}-\d\d-\d\d[T ])?\d+:\d+:\d+[:;]\d.*", re.ASCII)
+_FIRST_FIELD = {"min": r"m+:s+(\W\w+)?|min:s(ec)?", "h": r"h+:m+|h:min"}
+"""How headers name a clock of two fields, by the unit of its first field."""
+
+_HUNDREDS = {"FILETIME, since 1601": (1.1e17, 1.6e17), "ticks of .NET, since year 1": (6.2e17, 6.7e17)}
+"""Clocks that count 100 ns, and what they show in our days."""
+
+_SERIAL_DAYS = (20_000.0, 80_000.0)
+"""What a spreadsheet's count of days shows in our days."""
+
+_DAY = TIME_UNITS["d"]
+
+_NEAR = 0.99 * TICK_S
+"""Stamps nearer to each other than this are one [s]: a tick, less what stamps since 1970 are rounded by."""
 
 
 class Keys(NamedTuple):
@@ -115,15 +137,17 @@ def read_samples(content: bytes, keys: Keys, span: float) -> Read:
     said = [f'"{escaped(table.value_name)}" [{keys.unit}] over "{escaped(table.time_name)}"']
     rows, time_unit, value_unit, units_row = _units(table, keys)
     decimal = _decimal(table, rows, keys)
-    lines, stamps, raw, dated = _numbers(table, rows, keys, decimal)
+    lines, stamps, raw, dated, midnights = _numbers(table, rows, keys, decimal, time_unit)
     factor, stated = _time_factor(time_unit, keys, dated)
     scale = _scale(value_unit, keys)
     values = scale * raw + (keys.offset or 0.0)
     _check_values(lines, values, keys.unit)
     _check_order(lines, stamps, table.time_name)
     times, shift = _placed(stamps, factor, keys, span)
+    if not stated:
+        _check_clock(stamps, times)
     times, values, averaged = _merged(times, values)
-    _check_heard(times, values, span, keys, stated, factor)
+    _check_heard(times, values, span, keys, _Clock(stamps[0], bool(shift), stated, dated))
     _check_rate(times, values, keys.unit)
 
     heard = int(np.count_nonzero((times >= 0.0) & (times <= span)))
@@ -131,11 +155,13 @@ def read_samples(content: bytes, keys: Keys, span: float) -> Read:
     if heard < len(times):
         said.append(f"{heard} of them within the segment's {span:g} s")
     if averaged:
-        said.append(f"{averaged} with a repeated time stamp averaged")
+        said.append(averaged)
     if shift:
         said.append(f"the clock starts at {shift}, taken as 0 s")
     if dated:
         said.append("stamps are dates or times of day")
+        if midnights:
+            said.append(f"the clock passes midnight {midnights} time{'s' * (midnights > 1)}")
     elif factor != 1.0 or stated:
         said.append(f"time in {next(name for name, value in TIME_UNITS.items() if value == factor)}")
     else:
@@ -217,7 +243,7 @@ def _named(cell: str) -> tuple[str, str]:
     if match := re.fullmatch(r"(.+?)\s*(?:\[\s*(.*?)\s*\]|\(\s*(.*?)\s*\)|/\s*(\S+)|in\s+(\S+))", cell):
         return match[1], next(unit for unit in match.groups()[1:] if unit is not None)
     if (match := re.fullmatch(r"(.+)[_.]([^\W_]+)", cell)) and match[2].casefold() in (
-        *_SPELT, *_FACTORS["deg"], *_FACTORS["N"],
+        *_SPELT, *_FACTORS["deg"], *_FACTORS["N"], *_OTHER_UNITS,
     ):  # fmt: skip
         return match[1], match[2]
     return cell, ""
@@ -357,14 +383,22 @@ def _samples(table: _Table, after: int) -> Iterator[tuple[int, str, str]]:
 
 def _units(table: _Table, keys: Keys) -> tuple[int, str, str, bool]:
     """Last line that holds no samples, units of time and value (empty if not named), and whether a row names them."""
-    time_unit, value_unit = _named(table.time_name)[1], _named(table.value_name)[1]
+    headers = [_named(name)[1] for name in (table.time_name, table.value_name)]
     first = next(_samples(table, table.below), None)
-    if first is not None:
-        cells = [cell.strip("[]() ") for cell in first[1:]]
-        known = (*_FACTORS[keys.unit], *_FACTORS["deg"], *_FACTORS["N"])
-        if cells[0].casefold() in _SPELT and (not cells[1] or cells[1].casefold() in known):
-            return first[0], cells[0], cells[1], True
-    return table.below, time_unit, value_unit, False
+    if first is None or not first[1]:
+        return table.below, *headers, False
+    row = [cell.strip("[]() ") for cell in first[1:]]
+    if row[0].casefold() not in _SPELT or _NUMBER.fullmatch(row[1].replace(",", ".")):
+        return table.below, *headers, False
+    for header, cell, spelt, key, given in (
+        (headers[0], row[0], _SPELT, "time_unit", keys.time_unit),
+        (headers[1], row[1], _FACTORS[keys.unit], "scale", keys.scale),
+    ):
+        meant = [spelt.get(unit.casefold(), unit.casefold()) for unit in (header, cell)]
+        if header and cell and meant[0] != meant[1] and given is None:
+            raise ValueError(f"line {first[0]}: names {shown(cell)} as the unit where the header names "
+                             f"{shown(header)}; give {key}")  # fmt: skip
+    return first[0], row[0], row[1] or headers[1], True
 
 
 def _decimal(table: _Table, after: int, keys: Keys) -> str:
@@ -405,11 +439,16 @@ def _decimal(table: _Table, after: int, keys: Keys) -> str:
 
 
 def _numbers(
-    table: _Table, after: int, keys: Keys, decimal: str
-) -> tuple[Sequence[int], Array, Array, bool]:
-    """Line numbers, stamps as the file counts them and values; and whether the stamps are dates."""
+    table: _Table, after: int, keys: Keys, decimal: str, time_unit: str
+) -> tuple[Sequence[int], Array, Array, bool, int]:
+    """Line numbers, stamps as the file counts them and values; whether stamps are dates, and midnights between."""
     lines, stamps, values = array("q"), array("d"), array("d")
     origin: dt.datetime | None = None
+    midnights = 0
+    first_field = keys.time_unit or next(
+        (unit for unit, form in _FIRST_FIELD.items() if re.fullmatch(form, time_unit.casefold())),
+        _SPELT.get(time_unit.casefold(), ""),
+    )
     group = "," if decimal == "." else "."
     grouped = re.compile(rf"[+-]?\d{{1,3}}(\{group}\d{{3}})+(\{decimal}\d*)?", re.ASCII)
 
@@ -434,12 +473,15 @@ def _numbers(
 
     for line, time_cell, value_cell in _samples(table, after):
         if not lines and not _NUMBER.fullmatch(time_cell.replace(",", ".")):
-            origin = _date(time_cell)
+            origin = _date(line, time_cell, first_field)
         if origin is not None:
-            date = _date(time_cell)
+            date = _date(line, time_cell, first_field)
             if date is None or (date.tzinfo is None) != (origin.tzinfo is None):
                 raise ValueError(f"line {line}: {shown(time_cell)} is no date or time as in the first row")
-            stamp = (date - origin).total_seconds()
+            stamp = (date - origin).total_seconds() + midnights * _DAY
+            if stamps and stamp < stamps[-1] - 0.5 * _DAY and ":" in time_cell[:5]:
+                midnights += 1
+                stamp += _DAY
         else:
             stamp = number_in(line, time_cell, table.time_name)
         lines.append(line)
@@ -447,21 +489,36 @@ def _numbers(
         values.append(number_in(line, value_cell, table.value_name))
     if not lines:
         raise ValueError("has no samples below its header")
-    return lines, np.array(stamps), np.array(values), origin is not None
+    return lines, np.array(stamps), np.array(values), origin is not None, midnights
 
 
-def _date(cell: str) -> dt.datetime | None:
-    """A date with time, or a time of day, as ISO 8601 writes it; with a decimal comma too."""
+def _date(line: int, cell: str, first_field: str) -> dt.datetime | None:
+    """A date with time as ISO 8601 writes it, or a clock hh:mm:ss, with a decimal comma too.
+
+    A clock of two fields is read if the unit of the first one is known, ``min`` or ``h``.
+    """
     cell = cell.replace(",", ".")
+    if _TIMECODE.fullmatch(cell):
+        raise ValueError(f"line {line}: {shown(cell)} has a third colon; frames or fractions after one are not "
+                         "understood: write hh:mm:ss.fff, or give a column of seconds")  # fmt: skip
+    if match := _CLOCK.fullmatch(cell):
+        hours, minutes, seconds = match[1], match[2], f"{match[3]}{match[4] or ''}"
+        if match[3] is None:
+            if first_field not in _FIRST_FIELD:
+                raise ValueError(f'line {line}: {shown(cell)} may be mm:ss or hh:mm; give time_unit = "min" or "h", '
+                                 "the unit of its first field, or a column of seconds")  # fmt: skip
+            second = f"{match[2]}{match[4] or ''}"
+            hours, minutes, seconds = ("0", match[1], second) if first_field == "min" else (match[1], second, "0")
+        past = dt.timedelta(hours=int(hours), minutes=float(minutes), seconds=float(seconds))
+        cell = f"2000-01-01T00:00:00{match['zone'] or ''}"
+    elif _DATE.fullmatch(cell):
+        past = dt.timedelta()
+    else:
+        return None
     try:
-        if re.match(r"\d{1,2}:\d\d", cell):
-            time = dt.time.fromisoformat(f"0{cell}" if cell[1] == ":" else cell)
-            return dt.datetime.combine(dt.date(2000, 1, 1), time)
-        if re.match(r"\d{4}-\d\d-\d\d[T ]\d\d:", cell):
-            return dt.datetime.fromisoformat(cell)
+        return dt.datetime.fromisoformat(cell) + past
     except ValueError:
-        pass
-    return None
+        return None
 
 
 # --- what the numbers mean -------------------------------------------------------------------------------------------
@@ -476,21 +533,22 @@ def _time_factor(unit: str, keys: Keys, dated: bool) -> tuple[float, bool]:
     if not unit:
         return 1.0, False
     if unit.casefold() not in _SPELT:
-        raise ValueError(f"names {shown(unit)} as the unit of time, which is not known; give time_unit")
+        raise ValueError(f"names {shown(unit)} as the unit of time, which is not known; "
+                         f"give time_unit ({', '.join(u for u in TIME_UNITS if u != 'µs')}), "
+                         "or a column in one of these")  # fmt: skip
     return TIME_UNITS[_SPELT[unit.casefold()]], True
 
 
 def _scale(unit: str, keys: Keys) -> float:
     """Factor from the file's values to the segment's unit."""
-    known = {name: factor for factors in _FACTORS.values() for name, factor in factors.items()}
-    if keys.scale is None and unit.casefold() in known:
-        factor = _FACTORS[keys.unit].get(unit.casefold())
-        if factor is None:
-            raise ValueError(f"names {shown(unit)} as the unit of its values where unit says {keys.unit}; give scale")
-        if factor != 1.0:
-            raise ValueError(f"names {shown(unit)} as the unit of its values where unit says {keys.unit}; "
-                             f"give scale = {factor:.12g}")  # fmt: skip
-    return 1.0 if keys.scale is None else keys.scale
+    if keys.scale is not None:
+        return keys.scale
+    factors = _FACTORS[keys.unit]
+    factor = factors.get(unit, factors.get(unit.casefold()))
+    if unit and factor != 1.0:
+        hint = f"give scale: the {keys.unit} in one of these" if factor is None else f"give scale = {factor:.12g}"
+        raise ValueError(f"names {shown(unit)} as the unit of its values where unit says {keys.unit}; {hint}")
+    return 1.0
 
 
 def _check_values(lines: Sequence[int], values: Array, unit: str) -> None:
@@ -502,6 +560,9 @@ def _check_values(lines: Sequence[int], values: Array, unit: str) -> None:
 
 
 def _check_order(lines: Sequence[int], stamps: Array, name: str) -> None:
+    if len(far := np.flatnonzero(np.abs(stamps) > 1e20)):
+        k = int(far[0])
+        raise ValueError(f"line {lines[k]}: {escaped(name)} {stamps[k]:g} is no time; it lies from -1e20 to 1e20")
     if len(back := np.flatnonzero(np.diff(stamps) < 0.0)):
         k = int(back[0])
         raise ValueError(
@@ -524,24 +585,65 @@ def _placed(stamps: Array, factor: float, keys: Keys, span: float) -> tuple[Arra
     return times, ""
 
 
-def _merged(times: Array, values: Array) -> tuple[Array, Array, int]:
-    """Samples with the same stamp as their mean; and how many there were of such."""
-    distinct, first, counts = np.unique(times, return_index=True, return_counts=True)
-    if len(distinct) == len(times):
-        return times, values, 0
-    return distinct, np.add.reduceat(values, first) / counts, int(np.sum(counts[counts > 1]))
+def _check_clock(stamps: Array, times: Array) -> None:
+    """Refuse a clock of unnamed unit that is known not to count seconds."""
+    for name, (low, high) in _HUNDREDS.items():
+        if low <= stamps[0] <= high:
+            raise ValueError(f"counts its time from {stamps[0]:.15g} on, as if in 100 ns ({name}), which is not "
+                             "understood; give a column of seconds")  # fmt: skip
+    gaps = np.diff(times)
+    if 2 * np.count_nonzero((gaps > 0.0) & (gaps < _NEAR)) > len(times):
+        days = ' = "d" if it counts the days of a spreadsheet' * (_SERIAL_DAYS[0] <= stamps[0] <= _SERIAL_DAYS[1])
+        raise ValueError(f"has most of its {len(times)} samples less than a tick ({1e6 * TICK_S:.0f} µs) apart, were "
+                         f"its time in seconds; give time_unit{days}")  # fmt: skip
 
 
-def _check_heard(times: Array, values: Array, span: float, keys: Keys, stated: bool, factor: float) -> None:
+def _merged(times: Array, values: Array) -> tuple[Array, Array, str]:
+    """Samples with the same stamp, or less than a tick after it, as their mean; and what was averaged."""
+    gaps = np.diff(times)
+    if not np.any(gaps < _NEAR):
+        return times, values, ""
+    starts = array("q", [0])
+    begun = float(times[0])
+    for k, time in enumerate(times.tolist()):
+        if time - begun >= _NEAR:
+            starts.append(k)
+            begun = time
+    first = np.array(starts)
+    counts = np.diff(first, append=len(times))
+    close = bool(np.any((gaps > 0.0) & (gaps < _NEAR)))
+    kind = f"time stamps less than a tick ({1e6 * TICK_S:.0f} µs) apart" if close else "a repeated time stamp"
+    averaged = f"{int(np.sum(counts[counts > 1]))} with {kind} averaged"
+    return times[first], np.add.reduceat(values, first) / counts, averaged
+
+
+class _Clock(NamedTuple):
+    """How a file's time was understood."""
+
+    first: float
+    """first stamp, as the file counts it"""
+    shifted: bool
+    stated: bool
+    dated: bool
+
+
+def _check_heard(times: Array, values: Array, span: float, keys: Keys, clock: _Clock) -> None:
     """Refuse a file of which the segment hears little or nothing, for then its clock or column was misunderstood."""
     inside = (times >= 0.0) & (times <= span)
     heard = len(np.unique(np.round(times[inside] / TICK_S)))
     share = heard / len(times)
     lasts = f"its {len(times)} samples last from {times[0]:.6g} to {times[-1]:.6g} s, the segment {span:g} s"
-    help_ = "give time_unit" + ("" if keys.time_zero is None else " or another time_zero")
+    if clock.dated:
+        help_ = "give time_zero, in seconds after the first stamp"
+    elif keys.time_zero is not None:
+        help_ = "give time_unit or another time_zero"
+    elif times[0] != 0.0 and not clock.shifted:
+        help_ = f"give time_zero, what the clock shows at the segment's start, such as {clock.first:.15g}, or time_unit"
+    else:
+        help_ = "give time_unit"
     if heard < 2:
         raise ValueError(f"would be heard in {heard} of its samples: {lasts}; {help_}")
-    if keys.time_unit is None and share < (LITTLE if stated else HALF):
+    if keys.time_unit is None and share < (LITTLE if clock.stated else HALF):
         raise ValueError(f"would be heard in {heard} of its samples only: {lasts}; {help_}")
     if np.ptp(values) == 0.0:
         raise ValueError(f"holds {values[0]:g} {keys.unit} throughout; give another column, or hold that value")

@@ -197,8 +197,8 @@ class Samples(_Segment):
     """header of the column with the values; its number, such as "2", in a file without headers"""
     time_column: Name | None = None
     """header of the column with the time; found if it is called time, t, timestamp or the like"""
-    time_unit: Literal["s", "ms", "us", "µs", "ns", "min", "h"] | None = None
-    """unit of the time; that of the header, or s, if left out"""
+    time_unit: Literal["s", "ms", "us", "µs", "ns", "min", "h", "d"] | None = None
+    """unit of the time, or of the first field of a clock with two; that of the header, or s, if left out"""
     time_zero: Annotated[float, Field(ge=-1e20, le=1e20)] | None = None
     """what the file's clock shows when the segment starts, in its own unit [1]; if left out 0, or the first
     sample's time where the clock has another origin"""
