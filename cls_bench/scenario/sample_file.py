@@ -546,7 +546,7 @@ def _scale(unit: str, keys: Keys) -> float:
     factors = _FACTORS[keys.unit]
     factor = factors.get(unit, factors.get(unit.casefold()))
     if unit and factor != 1.0:
-        hint = f"give scale: the {keys.unit} in one of these" if factor is None else f"give scale = {factor:.12g}"
+        hint = f"give scale, in {keys.unit} per {escaped(unit)}" if factor is None else f"give scale = {factor:.12g}"
         raise ValueError(f"names {shown(unit)} as the unit of its values where unit says {keys.unit}; {hint}")
     return 1.0
 
@@ -593,7 +593,8 @@ def _check_clock(stamps: Array, times: Array) -> None:
                              "understood; give a column of seconds")  # fmt: skip
     gaps = np.diff(times)
     if 2 * np.count_nonzero((gaps > 0.0) & (gaps < _NEAR)) > len(times):
-        days = ' = "d" if it counts the days of a spreadsheet' * (_SERIAL_DAYS[0] <= stamps[0] <= _SERIAL_DAYS[1])
+        low, high = _SERIAL_DAYS
+        days = ' = "d" if it counts the days of a spreadsheet' if low <= stamps[0] <= high else ""
         raise ValueError(f"has most of its {len(times)} samples less than a tick ({1e6 * TICK_S:.0f} µs) apart, were "
                          f"its time in seconds; give time_unit{days}")  # fmt: skip
 
