@@ -176,7 +176,9 @@ def test_an_angle_is_read_in_degrees(tmp_path: Path, head: str) -> None:
     assert hand.values == pytest.approx(np.radians(FORCES))
 
 
-@pytest.mark.parametrize(("unit", "hint"), [("rad", "57.2957795131"), ("grad", "in deg per grad"), ("N", "in deg per N")])
+@pytest.mark.parametrize(
+    ("unit", "hint"), [("rad", "57.2957795131"), ("grad", "in deg per grad"), ("N", "in deg per N")]
+)
 def test_an_angle_in_another_unit_needs_a_scale(tmp_path: Path, unit: str, hint: str) -> None:
     content = text(head=f"time,force [{unit}]", values=FORCES / 100)
     message = refused(tmp_path, content, unit="deg")
