@@ -10,7 +10,7 @@ import datetime as dt
 import math
 import re
 from array import array
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -383,22 +383,24 @@ def _samples(table: _Table, after: int) -> Iterator[tuple[int, str, str]]:
 
 def _units(table: _Table, keys: Keys) -> tuple[int, str, str, bool]:
     """Last line that holds no samples, units of time and value (empty if not named), and whether a row names them."""
-    headers = [_named(name)[1] for name in (table.time_name, table.value_name)]
+    time_unit, value_unit = _named(table.time_name)[1], _named(table.value_name)[1]
     first = next(_samples(table, table.below), None)
     if first is None or not first[1]:
-        return table.below, *headers, False
+        return table.below, time_unit, value_unit, False
     row = [cell.strip("[]() ") for cell in first[1:]]
     if row[0].casefold() not in _SPELT or _NUMBER.fullmatch(row[1].replace(",", ".")):
-        return table.below, *headers, False
+        return table.below, time_unit, value_unit, False
+    header: str
+    spelt: Mapping[str, object]
     for header, cell, spelt, key, given in (
-        (headers[0], row[0], _SPELT, "time_unit", keys.time_unit),
-        (headers[1], row[1], _FACTORS[keys.unit], "scale", keys.scale),
+        (time_unit, row[0], _SPELT, "time_unit", keys.time_unit),
+        (value_unit, row[1], _FACTORS[keys.unit], "scale", keys.scale),
     ):
         meant = [spelt.get(unit.casefold(), unit.casefold()) for unit in (header, cell)]
         if header and cell and meant[0] != meant[1] and given is None:
             raise ValueError(f"line {first[0]}: names {shown(cell)} as the unit where the header names "
                              f"{shown(header)}; give {key}")  # fmt: skip
-    return first[0], row[0], row[1] or headers[1], True
+    return first[0], row[0], row[1] or value_unit, True
 
 
 def _decimal(table: _Table, after: int, keys: Keys) -> str:
@@ -546,7 +548,7 @@ def _scale(unit: str, keys: Keys) -> float:
     factors = _FACTORS[keys.unit]
     factor = factors.get(unit, factors.get(unit.casefold()))
     if unit and factor != 1.0:
-        hint = f"give scale: the {keys.unit} in one of these" if factor is None else f"give scale = {factor:.12g}"
+        hint = f"give scale, in {keys.unit} per {escaped(unit)}" if factor is None else f"give scale = {factor:.12g}"
         raise ValueError(f"names {shown(unit)} as the unit of its values where unit says {keys.unit}; {hint}")
     return 1.0
 
@@ -593,7 +595,8 @@ def _check_clock(stamps: Array, times: Array) -> None:
                              "understood; give a column of seconds")  # fmt: skip
     gaps = np.diff(times)
     if 2 * np.count_nonzero((gaps > 0.0) & (gaps < _NEAR)) > len(times):
-        days = ' = "d" if it counts the days of a spreadsheet' * (_SERIAL_DAYS[0] <= stamps[0] <= _SERIAL_DAYS[1])
+        low, high = _SERIAL_DAYS
+        days = ' = "d" if it counts the days of a spreadsheet' if low <= stamps[0] <= high else ""
         raise ValueError(f"has most of its {len(times)} samples less than a tick ({1e6 * TICK_S:.0f} µs) apart, were "
                          f"its time in seconds; give time_unit{days}")  # fmt: skip
 
