@@ -523,7 +523,7 @@ def test_a_cluster_has_the_memory_it_needs(file: Any, tmp_path: Path) -> None:
 
 def test_limits_grow_with_the_workers() -> None:
     assert Limits().tree_mb == 600
-    assert Limits(megabytes=100, threads=4).process_mb == 4 * 100 + 3 * THREAD_MB
+    assert Limits(megabytes=100, threads=4).process_mb == 4 * (100 + THREAD_MB)
     one, two = (Limits(processes=n).tree_mb for n in (1, 2))
     assert two - one > Limits().megabytes
 

@@ -31,7 +31,7 @@ LENGTH = struct.Struct("<Q")
 OWN_MB = 200
 """Memory that cls-bench holds itself, loaded and compiled [MB]."""
 
-THREAD_MB = 64
+THREAD_MB = 100
 """Memory that one more thread takes: its stack, its share of the allocator, a model and the samples of a run [MB]."""
 
 DASK_MB = 300
@@ -47,8 +47,8 @@ class Limits(NamedTuple):
     """longest time for the import, for making the object, and for one step [s]"""
     megabytes: int = 400
     """memory beyond what cls-bench takes itself, for each of its workers [MB]"""
-    threads: int = 1
-    """workers that are threads of the process"""
+    threads: int = 0
+    """workers that are threads of the process beside its main one"""
     processes: int = 0
     """workers that are processes of their own, started by it"""
 
@@ -56,7 +56,7 @@ class Limits(NamedTuple):
     def process_mb(self) -> int:
         """What the process may take beyond what it took before it began [MB]."""
         cluster = DASK_MB if self.processes else 0  # it is handed down to the worker processes
-        return self.threads * self.megabytes + (self.threads - 1) * THREAD_MB + cluster
+        return max(self.threads, 1) * self.megabytes + self.threads * THREAD_MB + cluster
 
     @property
     def tree_mb(self) -> int:

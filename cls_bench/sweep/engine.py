@@ -165,7 +165,7 @@ class Dask:
     """of the scheduler; None to start one here"""
     workers: int = 1
     """worker processes to start here"""
-    threads: ClassVar[int] = 1
+    threads: ClassVar[int] = 0
 
     @property
     def processes(self) -> int:
