@@ -18,7 +18,7 @@ test: $(VENV)/.installed-dev  ## Run the tests
 test-slow: $(VENV)/.installed-dev  ## Run all tests, the slow ones too
 	$(BIN)/python -m pytest -n auto --dist loadfile $(TESTS)
 
-attack: $(VENV)/.installed-dev  ## Kill, starve and mislead it a thousandfold, and count what was lost; half an hour
+attack: $(VENV)/.installed-dev  ## Kill, starve and mislead it a thousandfold, and count what was lost; some two hours
 	$(BIN)/python -m tests.attacks $(ATTACK)
 
 lint: $(VENV)/.installed-dev  ## Style, types and import contracts
