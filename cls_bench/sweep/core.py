@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from contextlib import closing
 from pathlib import Path
 
+from cls_bench.bench import versions
 from cls_bench.sweep.engine import Engine, Evaluate, Point, Row, make_engine, sources
 from cls_bench.sweep.journal import Journal
 
@@ -65,5 +66,5 @@ def _run(
 
 
 def _fingerprint(identity: str, points: Sequence[Point]) -> str:
-    text = json.dumps([identity, sources(), [dict(point) for point in points]])
+    text = json.dumps([identity, sources(), versions(), [dict(point) for point in points]])
     return hashlib.sha256(text.encode()).hexdigest()[:16]

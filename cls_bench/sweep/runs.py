@@ -47,14 +47,18 @@ class ScenarioAt:
     source: bytes
     path: Path | None
     checks: tuple[Check, ...]
+    samples: Mapping[str, bytes] | None
+    """sample files as they were when the sweep began; None where an axis chooses them"""
 
     @classmethod
     def of(cls, plan: Plan) -> "ScenarioAt":
         """What evaluates the points of ``plan``."""
-        return cls(plan.scenario.source, plan.scenario.path, plan.checks)
+        chosen = any(axis.key.endswith(".file") for axis in plan.sweep.axes)
+        samples = None if chosen else dict(plan.scenario.sample_files)
+        return cls(plan.scenario.source, plan.scenario.path, plan.checks, samples)
 
     def __call__(self, point: Point) -> Mapping[str, Value]:
         """Status, message and metrics at ``point``."""
         overrides = [override(key, value) for key, value in point.items()]
-        scenario = parse_scenario(self.source, path=self.path, set=overrides)
+        scenario = parse_scenario(self.source, path=self.path, set=overrides, sample_files=self.samples)
         return measure_in_memory(scenario.with_checks(self.checks))
