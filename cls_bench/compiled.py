@@ -22,6 +22,7 @@ import sys
 import tempfile
 import warnings
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from functools import cache
 from importlib.machinery import SourceFileLoader
 from importlib.metadata import version
@@ -95,8 +96,10 @@ def _refuse_stale_byte_code() -> None:
 
 
 def _check_loaded(function: Callable[..., Any], path: str) -> None:
-    """BenchError if ``function`` is not what its file says."""
+    """BenchError if ``function`` is not what its file says; byte code that Python took for it is deleted."""
     if function.__code__ not in _codes(_source(path).code):
+        with suppress(OSError, NotImplementedError):
+            Path(importlib.util.cache_from_source(path)).unlink()
         raise BenchError(f"{path} changed while it was being loaded; run again")
 
 

@@ -6,6 +6,7 @@ import subprocess
 import sys
 
 import grimp
+import pytest
 
 from cls_bench import compiled
 
@@ -75,6 +76,8 @@ def _law(folder, cache, factor=2.0, **environment):
     path = folder / "law.py"
     if factor is not None:
         path.write_text(LAW.format(factor=factor))
+        # A second later than the one before: Python takes a file of the same time and size for unchanged.
+        os.utime(path, (path.stat().st_mtime + factor,) * 2)
     done = subprocess.run(
         [sys.executable, "-c", CALL.format(folder=str(folder))], capture_output=True, text=True, check=True,
         env={**os.environ, "PYTHONDONTWRITEBYTECODE": "", "NUMBA_CACHE_DIR": str(cache), **environment},
@@ -170,3 +173,15 @@ def test_stale_byte_code_of_the_hot_path_is_deleted(tmp_path):
     assert not shown or shown[0] == other
     assert shown or "run again" in said
     assert depth()[0][0] == other
+
+
+def test_byte_code_of_an_edit_within_the_same_second_is_refused_once(tmp_path):
+    cache = tmp_path / "cache"
+    assert _law(tmp_path, cache)[0] == 3.0
+    stamp = (tmp_path / "law.py").stat()
+    (tmp_path / "law.py").write_text(LAW.format(factor=4.0))
+    os.utime(tmp_path / "law.py", (stamp.st_atime, stamp.st_mtime))
+    with pytest.raises(subprocess.CalledProcessError) as refused:
+        _law(tmp_path, cache, factor=None)
+    assert "changed while it was being loaded; run again" in refused.value.stderr
+    assert _law(tmp_path, cache, factor=None)[0] == 6.0

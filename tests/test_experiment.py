@@ -1,5 +1,6 @@
 """Runs from the Python API: what a result holds, what equal runs share, what stops a run."""
 
+import json
 import math
 from pathlib import Path
 
@@ -68,7 +69,7 @@ def test_the_recording_says_how_to_run_it_again(tmp_path: Path) -> None:
     result = run(parse_scenario(TOML, set=["feel.inertia=0.5"]), out=tmp_path, rerun=False)
     recording = result.recording()
     again = parse_scenario(
-        recording.attachments["scenario.toml"], set=recording.metadata["overrides"].split("\n"), name="scenario"
+        recording.attachments["scenario.toml"], set=json.loads(recording.metadata["overrides"]), name="scenario"
     )
     repeated = run(again, out=tmp_path / "again", rerun=False)
     assert without_wall_clock(result.mcap) == without_wall_clock(repeated.mcap)
