@@ -1,14 +1,14 @@
 """Kinematics of the four-bar linkage: motor-side crank, connecting rod, control column (thesis 3.4.2).
 
-Plane of motion x (forward) – z (up); all angles are positive when they turn z towards x and zero at neutral. At
-neutral, crank and column arm are vertical and the connecting rod is horizontal, so the linkage ratio there is exactly
-column arm / crank::
+Plane of motion x (forward) – z (up); all angles are positive when they turn z towards x and zero at neutral. There,
+crank and column arm stand at angles γ and α from the vertical and the rod at ρ from the horizontal; on the thesis's rig
+all three are zero, so the linkage ratio at neutral is exactly column arm / crank::
 
-        C1 ───────── rod ───────── C2      C1 = A1 + crank · (sin φc, cos φc)
-        │                          │       C2 = A2 + arm   · (sin φ,  cos φ)
+        C1 ───────── rod ───────── C2      C1 = A1 + crank · (sin(φc + γ), cos(φc + γ))
+        │                          │       C2 = A2 + arm   · (sin(φ + α),  cos(φ + α))
         │ crank                    │ arm   |C2 − C1| = rod
         │                          │
-        A1 (crank axis)            │       A2 = (0, 0),  A1 = (−rod, arm − crank)
+        A1 (crank axis)            │       A2 = (0, 0),  A1 = what closes it at neutral
                                    A2 (column axis)
 
 The closed form solves A cos ψ + B sin ψ + C = 0 (thesis Eq. 3.5, 3.6). It is written here on its own, for control,
@@ -26,49 +26,90 @@ from cls_bench.compiled import compiled
 
 
 class FourBar(NamedTuple):
-    """Lengths of the linkage [m]."""
+    """A linkage: lengths [m], and angles at neutral [rad].
+
+    Angles of crank and arm from the vertical, positive forward; of the rod from the horizontal, positive with its
+    forward end lower. A ``rod`` of 0 is none: crank and column are one shaft, and what the load cell sees is the torque
+    over ``arm``.
+    """
 
     crank: float
     rod: float
     arm: float
+    crank_angle: float = 0.0
+    rod_angle: float = 0.0
+    arm_angle: float = 0.0
 
 
 @compiled
-def _other_angle(known: float, known_radius: float, dx: float, dz: float, other_radius: float, rod: float) -> float:
-    """Angle [rad] of the link of ``other_radius`` whose axis lies at (dx, dz) from the known link's axis.
+def crank_axis(bar: FourBar) -> tuple[float, float]:
+    """Crank axis A1 as (x, z) from the column axis A2 [m]."""
+    return (
+        bar.arm * math.sin(bar.arm_angle) - bar.rod * math.cos(bar.rod_angle) - bar.crank * math.sin(bar.crank_angle),
+        bar.arm * math.cos(bar.arm_angle) + bar.rod * math.sin(bar.rod_angle) - bar.crank * math.cos(bar.crank_angle),
+    )
 
-    Of the two assemblies the one near neutral is returned; NaN where the linkage cannot be closed.
+
+@compiled
+def joints(bar: FourBar, crank: float, column: float) -> tuple[float, float, float, float]:
+    """Positions C1 and C2 as (x1, z1, x2, z2) from the column axis [m]; crank and column need not fit each other."""
+    x, z = crank_axis(bar)
+    return (
+        x + bar.crank * math.sin(crank + bar.crank_angle),
+        z + bar.crank * math.cos(crank + bar.crank_angle),
+        bar.arm * math.sin(column + bar.arm_angle),
+        bar.arm * math.cos(column + bar.arm_angle),
+    )
+
+
+@compiled
+def _closing_angle(px: float, pz: float, radius: float, rod: float, neutral_direction: float, neutral: float) -> float:
+    """Angle [rad] from the vertical at which a link of ``radius`` ends ``rod`` away from (px, pz) [m] off its axis.
+
+    Of the two assemblies the one that the linkage has at neutral; NaN where it cannot be closed.
     """
-    px = known_radius * math.sin(known) - dx
-    pz = known_radius * math.cos(known) - dz
     distance = math.hypot(px, pz)
-    cosine = (px * px + pz * pz + other_radius * other_radius - rod * rod) / (2.0 * other_radius * distance)
+    cosine = (px * px + pz * pz + radius * radius - rod * rod) / (2.0 * radius * distance)
     if not -1.0 <= cosine <= 1.0:
         return math.nan
-    direction = math.atan2(px, pz)
-    # The other joint lies to the side on which the rod extends: forward of the crank, aft of the column.
-    side = 1.0 if dx > 0.0 else -1.0
-    return direction + side * math.acos(cosine)
+    side = 1.0 if math.sin(neutral - neutral_direction) > 0.0 else -1.0
+    angle = math.atan2(px, pz) + side * math.acos(cosine)
+    turns = math.floor((angle - neutral) / (2.0 * math.pi) + 0.5)
+    return angle - 2.0 * math.pi * turns
 
 
 @compiled
 def column_from_crank(bar: FourBar, crank: float) -> float:
     """Column angle [rad] at crank angle ``crank`` [rad]; NaN where the linkage cannot be closed."""
-    return _other_angle(crank, bar.crank, bar.rod, bar.crank - bar.arm, bar.arm, bar.rod)
+    if bar.rod == 0.0:
+        return crank
+    x0, z0, _, _ = joints(bar, 0.0, 0.0)
+    x, z, _, _ = joints(bar, crank, 0.0)
+    return _closing_angle(x, z, bar.arm, bar.rod, math.atan2(x0, z0), bar.arm_angle) - bar.arm_angle
 
 
 @compiled
 def crank_from_column(bar: FourBar, column: float) -> float:
     """Crank angle [rad] at column angle ``column`` [rad]; NaN where the linkage cannot be closed."""
-    return _other_angle(column, bar.arm, -bar.rod, bar.arm - bar.crank, bar.crank, bar.rod)
+    if bar.rod == 0.0:
+        return column
+    ax, az = crank_axis(bar)
+    _, _, x0, z0 = joints(bar, 0.0, 0.0)
+    _, _, x, z = joints(bar, 0.0, column)
+    direction = math.atan2(x0 - ax, z0 - az)
+    return _closing_angle(x - ax, z - az, bar.crank, bar.rod, direction, bar.crank_angle) - bar.crank_angle
 
 
 @compiled
 def rod_angle(bar: FourBar, crank: float, column: float) -> float:
-    """Inclination φ_co [rad] of the connecting rod: 0 when horizontal, positive when its forward end is lower."""
-    x = bar.arm * math.sin(column) - (bar.crank * math.sin(crank) - bar.rod)
-    z = bar.arm * math.cos(column) - (bar.crank * math.cos(crank) + bar.arm - bar.crank)
-    return math.atan2(-z, x)
+    """Inclination φ_co [rad] of the connecting rod: 0 when horizontal, positive when its forward end is lower.
+
+    Of a shaft: the column's own, so that a torque is the force times the arm.
+    """
+    if bar.rod == 0.0:
+        return column + bar.arm_angle
+    x1, z1, x2, z2 = joints(bar, crank, column)
+    return math.atan2(z1 - z2, x2 - x1)
 
 
 @compiled
@@ -77,21 +118,26 @@ def crank_ratio(bar: FourBar, crank: float, column: float) -> float:
 
     From the velocities of C1 and C2 along the rod being equal.
     """
+    if bar.rod == 0.0:
+        return 1.0
     co = rod_angle(bar, crank, column)
-    return bar.arm * math.cos(column - co) / (bar.crank * math.cos(crank - co))
+    return bar.arm * math.cos(column + bar.arm_angle - co) / (bar.crank * math.cos(crank + bar.crank_angle - co))
 
 
 @compiled
 def crank_curvature(bar: FourBar, crank: float, column: float) -> float:
     """Second derivative d²φc/dφ² of the crank angle by the column angle.
 
-    Differentiates ln i = ln(arm cos(φ − co)) − ln(crank cos(φc − co)) once more.
+    Differentiates ln i = ln(arm cos(φ − co)) − ln(crank cos(φc − co)) once more, angles from the vertical.
     """
+    if bar.rod == 0.0:
+        return 0.0
     co = rod_angle(bar, crank, column)
     ratio = crank_ratio(bar, crank, column)
+    of_arm, of_crank = column + bar.arm_angle - co, crank + bar.crank_angle - co
     # Velocity of C2 relative to C1 across the rod, per unit column speed.
-    turn = (bar.arm * math.sin(column - co) - bar.crank * ratio * math.sin(crank - co)) / bar.rod
-    return ratio * (math.tan(crank - co) * (ratio - turn) - math.tan(column - co) * (1.0 - turn))
+    turn = (bar.arm * math.sin(of_arm) - bar.crank * ratio * math.sin(of_crank)) / bar.rod
+    return ratio * (math.tan(of_crank) * (ratio - turn) - math.tan(of_arm) * (1.0 - turn))
 
 
 @compiled

@@ -9,30 +9,59 @@ when they act in that direction; the load cell's force is positive in tension, w
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-TICK_NS = 50_000
-"""Length of one tick in nanoseconds: the plant's and the current controller's period (20 kHz)."""
+class Clock(NamedTuple):
+    """How long a tick is, and how many ticks the cycles of drive, field bus and PLC last."""
 
-TICK_S = TICK_NS * 1e-9
-"""Length of one tick [s]."""
+    tick_ns: int = 50_000
+    """length of a tick [ns]: the plant's and the current controller's period"""
+    velocity_ticks: int = 4
+    position_ticks: int = 8
+    bus_ticks: int = 8
+    plc_ticks: int = 8
 
-PLC_TICKS = 8
-"""Ticks in one PLC, field-bus and position-controller cycle (400 µs, 2.5 kHz)."""
+    @property
+    def tick_s(self) -> float:
+        """Length of a tick [s]."""
+        return self.tick_ns * 1e-9
 
-PLC_S = PLC_TICKS * TICK_S
-"""Length of one PLC cycle [s]."""
+    @property
+    def plc_s(self) -> float:
+        """Length of a PLC cycle [s]."""
+        return self.plc_ticks * self.tick_s
 
-VELOCITY_TICKS = 4
-"""Ticks in one cycle of the drive's velocity controller (200 µs, 5 kHz)."""
+    @property
+    def velocity_s(self) -> float:
+        """Length of a cycle of the velocity controller [s]."""
+        return self.velocity_ticks * self.tick_s
 
-VELOCITY_S = VELOCITY_TICKS * TICK_S
-"""Length of one cycle of the velocity controller [s]."""
+    @property
+    def position_s(self) -> float:
+        """Length of a cycle of the position controller [s]."""
+        return self.position_ticks * self.tick_s
 
-POSE_TICKS = 200
-"""Ticks between two recorded sets of body poses (100 Hz): for the eye only."""
+    @property
+    def pose_ticks(self) -> int:
+        """Ticks between two recorded sets of body poses: about 100 Hz, for the eye only."""
+        return max(1, round(10_000_000 / self.tick_ns))
+
+    def tick_of(self, time: float) -> int:
+        """Number of the tick that is nearest to ``time`` [s]."""
+        return round(time * 1e9 / self.tick_ns)
+
+
+CLOCK = Clock()
+"""The thesis's rates: 20 kHz, 5 kHz, 2.5 kHz."""
+
+# The same under the names of old, for what does not yet know other rates.
+TICK_NS, TICK_S = CLOCK.tick_ns, CLOCK.tick_s
+PLC_TICKS, PLC_S = CLOCK.plc_ticks, CLOCK.plc_s
+VELOCITY_TICKS, VELOCITY_S = CLOCK.velocity_ticks, CLOCK.velocity_s
+POSE_TICKS = CLOCK.pose_ticks
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,36 @@
+"""The parameters as tables: ``python -m cls_bench.parameters.page models/README.md`` brings the page up to date."""
+
+import sys
+from pathlib import Path
+
+from cls_bench.parameters import Parameters, leaves
+
+
+def table() -> str:
+    """All parameters as Markdown tables, one a section, with default, unit and source."""
+    lines: list[str] = []
+    for name in Parameters.model_fields:
+        section = getattr(Parameters(), name)
+        lines += ["", f"### `{name}`", "", " ".join((type(section).__doc__ or "").split()), ""]
+        lines += ["| parameter | default | valid | unit | meaning | source |", "|---|---|---|---|---|---|"]
+        for key, value, about in leaves(section, f"{name}."):
+            number = f"{value:.6g}" if isinstance(value, float) else str(value).lower()
+            meaning = f"{about['meaning']} *(live)*" if about["live"] else about["meaning"]
+            cells = (f"`{key}`", number, about["valid"], about["unit"], meaning, about["source"])
+            lines.append("| " + " | ".join(" ".join(cell.split()).replace("|", "\\|") for cell in cells) + " |")
+    return "\n".join(lines).strip() + "\n"
+
+
+TABLE_STARTS, TABLE_ENDS = "<!-- parameters: begin -->\n", "<!-- parameters: end -->\n"
+"""What encloses the table in models/README.md."""
+
+
+def with_table(page: str) -> str:
+    """``page`` with the text between its two marks replaced by :func:`table`."""
+    before, rest = page.split(TABLE_STARTS)
+    return before + TABLE_STARTS + "\n" + table() + "\n" + TABLE_ENDS + rest.split(TABLE_ENDS)[1]
+
+
+if __name__ == "__main__":
+    readme = Path(sys.argv[1])
+    readme.write_text(with_table(readme.read_text(encoding="utf-8")), encoding="utf-8")

@@ -1,0 +1,71 @@
+"""How a parameter is declared: one definition each, with unit, default, bounds and source.
+
+SI and radians throughout. The sections are pydantic models, strict about unknown keys, wrong types and impossible
+values. "assumed" as a source always says why. Parameters marked *live* may change while a run goes on (scenario
+``[[changes]]``); all others shape the model or the wiring of the loops and hold for the whole run.
+"""
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any, Literal, get_args, get_origin
+
+from pydantic import BaseModel, ConfigDict, Field
+from pydantic.config import JsonDict
+from pydantic.fields import FieldInfo
+
+GRAVITY = 9.80665
+"""Standard gravity [m/s²] (ISO 80000-3)."""
+
+ARCMIN = math.pi / 180.0 / 60.0
+"""One minute of arc [rad]."""
+
+RPM = 2.0 * math.pi / 60.0
+"""One revolution per minute [rad/s]."""
+
+DEG = math.pi / 180.0
+"""One degree [rad]."""
+
+
+def quantity(default: Any, unit: str, meaning: str, source: str, *, live: bool = False, **bounds: Any) -> Any:
+    """Declare a parameter; ``bounds`` are pydantic's ``gt``, ``ge``, ``lt``, ``le``. No default (``...``): it is given.
+    """
+    extra: JsonDict = {"unit": unit, "source": source, "live": live}
+    if isinstance(default, float) or (default is ... and bounds):
+        bounds["allow_inf_nan"] = False
+    return Field(default=default, description=meaning, json_schema_extra=extra, **bounds)
+
+
+def part(default: Any, meaning: str, **sources: str) -> Any:
+    """Declare a section that is used more than once, with the sources of the values that differ from place to place."""
+    extra: JsonDict = {"sources": {**sources}}
+    return Field(default=default, description=meaning, json_schema_extra=extra)
+
+
+class Section(BaseModel):
+    """Base of all parameter sections: strict, no unknown keys, checked on assignment too."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, validate_assignment=True, use_attribute_docstrings=True)
+
+
+def leaves(
+    section: Section, prefix: str = "", sources: Mapping[str, str] | None = None
+) -> Iterator[tuple[str, Any, dict[str, Any]]]:
+    """Yield (dotted key, value, {"unit", "source", "live", "meaning", "valid"}) of all parameters below ``section``."""
+    for name, info in type(section).model_fields.items():
+        value = getattr(section, name)
+        extra: Any = info.json_schema_extra if isinstance(info.json_schema_extra, dict) else {}
+        if isinstance(value, Section):
+            yield from leaves(value, f"{prefix}{name}.", extra.get("sources"))
+        else:
+            source = (sources or {}).get(name) or extra["source"]
+            about = {**extra, "source": source, "meaning": info.description, "valid": _valid(info)}
+            yield f"{prefix}{name}", value, about
+
+
+def _valid(info: FieldInfo) -> str:
+    """What values a parameter may have, in words; empty if any of its type."""
+    if get_origin(info.annotation) is Literal:
+        return ", ".join(get_args(info.annotation))
+    signs = {"gt": ">", "ge": "≥", "lt": "<", "le": "≤"}
+    bounds = [f"{sign} {getattr(m, key):.6g}" for m in info.metadata for key, sign in signs.items() if hasattr(m, key)]
+    return ", ".join(bounds)
