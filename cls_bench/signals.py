@@ -57,8 +57,8 @@ class Clock(NamedTuple):
 
     @property
     def pose_ticks(self) -> int:
-        """Ticks between two recorded sets of body poses: about 100 Hz, for the eye only."""
-        return max(1, round(10_000_000 / self.tick_ns))
+        """Ticks between two recorded sets of body poses: whole PLC cycles, about 100 Hz, for the eye only."""
+        return self.plc_ticks * max(1, round(10_000_000 / (self.plc_ticks * self.tick_ns)))
 
     def time(self, tick: int) -> float:
         """Time of a tick since the start of the run [s]."""
