@@ -248,6 +248,14 @@ class Event:
         return self.tick * self.tick_ns / 1e9
 
 
+class Column(NamedTuple):
+    """Samples of one signal, as far as they are there."""
+
+    ticks: NDArray[np.int64]
+    """at which there is one"""
+    values: NDArray[np.float64]
+
+
 @dataclass(frozen=True)
 class Block:
     """All that was recorded in a run of consecutive ticks; never changed after it was yielded.

@@ -7,10 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cls_bench.analysis.metrics import signals_of
-from cls_bench.analysis.window import Column
 from cls_bench.errors import InputError
 from cls_bench.scenario import Check
-from cls_bench.signals import CLOCK, TOPICS, Block, Clock, Topic
+from cls_bench.signals import CLOCK, TOPICS, Block, Clock, Column, Topic
 
 
 class Memory:

@@ -3,24 +3,16 @@
 import copy
 from collections.abc import Iterable, Mapping
 from functools import cached_property
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cls_bench.errors import InputError
 from cls_bench.parameters import Parameters
-from cls_bench.signals import MOST_STAGES, Clock, Topic, axes_of, axis_of, is_axis, topics
+from cls_bench.signals import MOST_STAGES, Clock, Column, Topic, axes_of, axis_of, is_axis, topics
 
 Array = NDArray[np.float64]
-
-
-class Column(NamedTuple):
-    """Samples of one signal."""
-
-    ticks: NDArray[np.int64]
-    """at which there is one"""
-    values: Array
 
 
 class Source(Protocol):
@@ -187,8 +179,7 @@ def split_signal(signal: str) -> tuple[str, str]:
 
 
 def on_axis(signal: str, axis: str) -> str:
-    """The signal or topic of that axis: ``/pitch/column.angle`` of ``/column.angle``; one that names an axis as it is.
-    """
+    """``/pitch/column.angle`` of ``/column.angle`` for the axis ``pitch``; a signal that names an axis as it is."""
     return f"/{axis}{signal}" if axis and not axis_of(signal) else signal
 
 
