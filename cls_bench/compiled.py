@@ -33,6 +33,7 @@ from typing import Any, NamedTuple, TypeVar, cast
 import llvmlite.binding
 import mujoco
 import numba
+import numpy as np
 import platformdirs
 from numba import types
 from numba.core import caching, compiler
@@ -44,7 +45,9 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 _PACKAGE = Path(__file__).parent
 
-SOURCES = ("control/*.py", "plant/*.py", "compiled.py", "kinematics.py", "parameters.py", "signals.py", "tick.py")
+SOURCES = (
+    "control/*.py", "plant/*.py", "parameters/*.py", "axis.py", "compiled.py", "kinematics.py", "signals.py", "tick.py",
+)  # fmt: skip
 """Files whose functions or constants end up in machine code; a test compares them with what ``tick`` imports."""
 
 
@@ -241,6 +244,11 @@ class Callback(types.WrapperAddressProtocol):
     def __call__(self, number: int) -> int:
         """Call it from Python."""
         return self._function(number)
+
+
+def records(array: Any) -> Any:
+    """An array of records as compiled code takes it; without JIT its fields are attributes all the same."""
+    return array if JIT else array.view(np.recarray)
 
 
 def _load_mujoco() -> None:
