@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -97,6 +98,6 @@ def test_a_block_knows_its_topics_and_its_clock() -> None:
 
 def test_events_have_the_clock_of_their_block() -> None:
     block = table(0, 16, DRIVE_16_KHZ, (1, ""))
-    with_event = Block(0, 16, block.signals, block.poses, (Event(8, "info", "drive", "on"),), DRIVE_16_KHZ, block.topics)
+    with_event = replace(block, events=(Event(8, "info", "drive", "on"),))
     assert math.isclose(with_event.events[0].time, 8 * 62.5e-6)
     assert Event(8, "info", "drive", "on").time == 400e-6
