@@ -19,7 +19,7 @@ The order is written here once, and every delay is a latch with its length in th
 out; ``docs/architecture.md`` repeats it, and a test compares.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -36,7 +36,7 @@ BOUND = 1.0e4
 
 
 class Hand(NamedTuple):
-    """The pilot of every axis in a block, (axes, ticks) each; see :class:`cls_bench.pilot.HandSamples`."""
+    """The pilot of every axis in a block, (ticks, axes) each; see :class:`cls_bench.pilot.HandSamples`."""
 
     angle: NDArray[np.float64]
     velocity: NDArray[np.float64]
@@ -46,13 +46,13 @@ class Hand(NamedTuple):
     squeeze: NDArray[np.float64]
 
     @classmethod
-    def of(cls, hands: "list[HandSamples]") -> "Hand":
+    def of(cls, hands: Sequence[HandSamples]) -> "Hand":
         """The hands of all axes, in the form compiled code takes."""
-        return cls(*(np.stack([getattr(hand, name) for hand in hands]) for name in cls._fields))
+        return cls(*(np.stack([getattr(hand, name) for hand in hands], axis=1) for name in cls._fields))
 
     def part(self, first: int, ticks: int) -> "Hand":
         """Some consecutive ticks of it, without a copy."""
-        return Hand(*(values[:, first : first + ticks] for values in self))
+        return Hand(*[values[first : first + ticks] for values in self])
 
 
 class Watched(NamedTuple):
@@ -67,17 +67,19 @@ class Bodies(NamedTuple):
     """How the drawn bodies lie, for the recorded poses: an entry a body."""
 
     axis: NDArray[np.int64]
-    angle: NDArray[np.int64]  # what turns it, see ``_angles_of``; −1: nothing
+    angle: NDArray[np.int64]  # what turns it, of :data:`cls_bench.plant.mechanism.ANGLES`; −1: nothing
     place: NDArray[np.float64]  # (bodies, 3), at neutral [m]
+    turn: NDArray[np.float64]  # (bodies, 4), at neutral: quaternion w, x, y, z
 
 
 class Cycles(NamedTuple):
-    """Lengths of the cycles [ticks], and of a recorded row of poses."""
+    """Lengths of the cycles, and between recorded rows [ticks]."""
 
     velocity: int
     position: int
     bus: int
     plc: int
+    drive: int  # of a recorded row of /drive and /pilot
     pose: int
     substeps: int
 
@@ -142,7 +144,8 @@ def _measure(axis: Any, noise: Any, a: int, row: int, tick: int, cycles: Cycles,
         servo.speed_filter(design.gains, state.servo, samples.encoder, design.velocity_cycle)
     if due.bus:
         cycle = tick // cycles.bus
-        if control.parameters.plc.frame_loss > noise.feedback_frame[a, row]:
+        loss = control.parameters.plc.frame_loss
+        if loss > 0.0 and noise.feedback_frame[row, a] < loss:
             latch.repeat(state.feedback, cycle)
         else:
             latch.write(state.feedback, cycle, plc.FEEDBACK_POSITION, samples.encoder * design.units_per_radian)
@@ -229,7 +232,8 @@ def _control(
             return False
         _plc_task(axis, watched, a, tick)
     if due.bus:
-        if axis.controller.parameters.plc.frame_loss > noise.command_frame[a, row]:
+        loss = axis.controller.parameters.plc.frame_loss
+        if loss > 0.0 and noise.command_frame[row, a] < loss:
             latch.repeat(state.commands, tick // cycles.bus)
         else:
             plc.send(state.plc, state.commands, tick // cycles.bus)
@@ -249,7 +253,7 @@ def _act(plant: Plant, axis: Any, hand: Hand, a: int, row: int, tick: int) -> No
     connected = _is_on(control.state)
     mechanism.act(
         plant, truth, connected, voltage,
-        hand.motion[a, row], hand.angle[a, row], hand.velocity[a, row], hand.force[a, row],
+        hand.motion[row, a], hand.angle[row, a], hand.velocity[row, a], hand.force[row, a],
     )  # fmt: skip
 
 
@@ -258,7 +262,7 @@ def _grip(plant: Plant, axis: Any, hand: Hand, a: int, row: int) -> None:
     truth = axis.truth
     height = truth.parameters.column.grip_height
     limb.set_grip(
-        plant, truth.parameters.limb, height, truth.joints, truth.body, hand.attached[a, row], hand.squeeze[a, row]
+        plant, truth.parameters.limb, height, truth.joints, truth.body, hand.attached[row, a], hand.squeeze[row, a]
     )
 
 
@@ -280,8 +284,9 @@ def advance(
     next_position = -(-first_tick // cycles.position) * cycles.position
     next_bus = -(-first_tick // cycles.bus) * cycles.bus
     next_plc = -(-first_tick // cycles.plc) * cycles.plc
+    next_drive = -(-first_tick // cycles.drive) * cycles.drive
     next_pose = -(-first_tick // cycles.pose) * cycles.pose
-    velocity_row = plc_row = pose_row = 0
+    drive_row = plc_row = pose_row = 0
     for row in range(ticks):
         tick = first_tick + row
         due = Due(tick == next_velocity, tick == next_position, tick == next_bus, tick == next_plc)
@@ -300,16 +305,18 @@ def advance(
             _note_limits(plant, axis)
             _grip(plant, axis, hand, a, row)
             _act(plant, axis, hand, a, row, tick)
-            squeeze = hand.squeeze[a, row] if hand.attached[a, row] else -1.0
+            squeeze = hand.squeeze[row, a] if hand.attached[row, a] else -1.0
             _trace_tick(plant, axis, trace, a, row)
-            if due.velocity:
-                _trace_velocity(plant, axis, trace, a, velocity_row, squeeze)
+            if tick == next_drive:
+                _trace_drive(plant, axis, trace, a, drive_row, squeeze)
             if due.plc:
                 _trace_plc(axis, trace, a, plc_row, cycles.plc)
-        mj_step(plant.model, plant.data)
         if tick == next_pose:
             _trace_poses(axes, bodies, plant, trace.poses, pose_row)
             pose_row, next_pose = pose_row + 1, next_pose + cycles.pose
+        if tick == next_drive:
+            drive_row, next_drive = drive_row + 1, next_drive + cycles.drive
+        mj_step(plant.model, plant.data)
         for _ in range(1, cycles.substeps):
             for a in range(count):
                 axis = axes[a]
@@ -318,7 +325,7 @@ def advance(
                 _act(plant, axis, hand, a, row, tick)
             mj_step(plant.model, plant.data)
         if due.velocity:
-            velocity_row, next_velocity = velocity_row + 1, next_velocity + cycles.velocity
+            next_velocity += cycles.velocity
         if due.position:
             next_position += cycles.position
         if due.bus:
@@ -332,7 +339,7 @@ def advance(
 
 @compiled
 def _trace_poses(axes: Any, bodies: Bodies, plant: Plant, poses: Any, at: int) -> None:
-    """Where the bodies are; all turn about y. The rod's two parts go with their pins, its angle is that of the rod."""
+    """Where the bodies are. Each turns about its own y axis; the rod's two ends go with their pins."""
     for body in range(bodies.axis.shape[0]):
         x, y, z = bodies.place[body, 0], bodies.place[body, 1], bodies.place[body, 2]
         turned = 0.0
@@ -342,20 +349,22 @@ def _trace_poses(axes: Any, bodies: Bodies, plant: Plant, poses: Any, at: int) -
             turned, dx, dz = mechanism.pose(plant, truth, which)
             x, z = x + dx, z + dz
         poses[at, body, 0], poses[at, body, 1], poses[at, body, 2] = x, y, z
-        poses[at, body, 3], poses[at, body, 4] = np.cos(0.5 * turned), 0.0
-        poses[at, body, 5], poses[at, body, 6] = np.sin(0.5 * turned), 0.0
+        c, s = np.cos(0.5 * turned), np.sin(0.5 * turned)
+        qw, qx, qy, qz = bodies.turn[body, 0], bodies.turn[body, 1], bodies.turn[body, 2], bodies.turn[body, 3]
+        poses[at, body, 3], poses[at, body, 4] = qw * c - qy * s, qx * c - qz * s
+        poses[at, body, 5], poses[at, body, 6] = qy * c + qw * s, qz * c + qx * s
 
 
 @compiled
 def _trace_tick(plant: Plant, axis: Any, trace: Any, a: int, row: int) -> None:
     joints, body = axis.truth.joints, axis.truth.body
-    column = trace.column[a, row]
+    column = trace.column[row, a]
     column.angle, column.velocity = plant.qpos[joints.column], plant.qvel[joints.column]
     column.torque = body.grip_torque
-    cell = trace.load_cell[a, row]
+    cell = trace.load_cell[row, a]
     cell.force, cell.torque = body.strain_force, axis.controller.state.plc.torque
     cell.counts = axis.samples.load_cell
-    gearbox = trace.gearbox[a, row]
+    gearbox = trace.gearbox[row, a]
     stages = axis.truth.mechanism.stages
     if stages > 0:
         gearbox.stage1_twist, gearbox.stage1_torque = body.twist[0], body.mesh_torque[0]
@@ -369,12 +378,12 @@ def _trace_tick(plant: Plant, axis: Any, trace: Any, a: int, row: int) -> None:
 
 
 @compiled
-def _trace_velocity(plant: Plant, axis: Any, trace: Any, a: int, row: int, squeeze: float) -> None:
+def _trace_drive(plant: Plant, axis: Any, trace: Any, a: int, row: int, squeeze: float) -> None:
     truth, s = axis.truth, axis.controller.state.servo
-    pilot = trace.pilot[a, row]
+    pilot = trace.pilot[row, a]
     pilot.hand_force = truth.body.grip_torque / truth.parameters.column.grip_height
     pilot.squeeze, pilot.limb_angle = squeeze, plant.qpos[truth.joints.limb]
-    drive = trace.drive[a, row]
+    drive = trace.drive[row, a]
     drive.set_position, drive.position = s.set_position, axis.samples.encoder
     drive.set_velocity, drive.velocity = s.set_velocity, s.velocity
     drive.torque_command, drive.current = s.torque_command, axis.samples.current
@@ -384,9 +393,9 @@ def _trace_velocity(plant: Plant, axis: Any, trace: Any, a: int, row: int, squee
 @compiled
 def _trace_plc(axis: Any, trace: Any, a: int, row: int, ticks: int) -> None:
     watch, body = axis.limits, axis.controller.state.feel
-    model = trace.feel[a, row]
+    model = trace.feel[row, a]
     model.torque, model.angle, model.velocity = body.torque, body.angle, body.velocity
-    reached = trace.limits[a, row]
+    reached = trace.limits[row, a]
     reached.load_cell = limits.share(watch, limits.LOAD_CELL, ticks)
     reached.set_angle = limits.share(watch, limits.SET_ANGLE, ticks)
     reached.speed = limits.share(watch, limits.SPEED, ticks)

@@ -44,3 +44,26 @@ def act(
     rod.act(plant, joints, mechanism, body)
     column.act(plant, p.column, joints.column, mechanism, body)
     limb.act(plant, p.limb, p.column.grip_height, joints, body, motion, angle, velocity, force)
+
+
+ANGLES = ("column", "limb", "shaft0", "shaft1", "shaft2", "shaft3", "rod", "rod_end")
+"""What a drawn body can move with: the places that :func:`pose` knows. ``shaft0`` is the motor."""
+
+
+@compiled
+def pose(plant: Any, truth: Any, which: int) -> tuple[float, float, float]:
+    """Angle about y [rad] and displacement (x, z) [m] from neutral of what moves with place ``which``."""
+    joints, m = truth.joints, truth.mechanism
+    if which == 0:
+        return plant.qpos[joints.column], 0.0, 0.0
+    if which == 1:
+        return plant.qpos[joints.limb], 0.0, 0.0
+    if which < 6:
+        return plant.qpos[joints.shafts[which - 2]], 0.0, 0.0
+    crank, column = plant.qpos[joints.crank] + m.crank_angle, plant.qpos[joints.column] + m.arm_angle
+    r1x, r1z = m.crank * math.sin(crank), m.crank * math.cos(crank)
+    r2x, r2z = m.arm * math.sin(column), m.arm * math.cos(column)
+    turned = math.atan2(m.axis_z + r1z - r2z, r2x - m.axis_x - r1x) - m.rod_angle
+    if which == 6:
+        return turned, r1x - m.crank * math.sin(m.crank_angle), r1z - m.crank * math.cos(m.crank_angle)
+    return turned, r2x - m.arm * math.sin(m.arm_angle), r2z - m.arm * math.cos(m.arm_angle)

@@ -27,6 +27,7 @@ def advance(motor: Any, mechanism: Any, body: Any, connected: bool, voltage: flo
     Not ``connected``, they are open: no current, no torque, the motor turns freely. (The drive's free-wheeling diodes
     would conduct above the no-load speed only.)
     """
+    body.voltage = voltage if connected else 0.0
     if not connected:
         body.current = 0.0
     torque = motor.torque_constant * body.current

@@ -34,7 +34,7 @@ def configure(mechanism: Any, p: Parameters) -> None:
     """Put geometry, masses and load cell into the record ``mechanism``."""
     bar = p.linkage.four_bar
     mechanism.crank, mechanism.rod, mechanism.arm = bar.crank, bar.rod, bar.arm
-    mechanism.crank_angle, mechanism.arm_angle = bar.crank_angle, bar.arm_angle
+    mechanism.crank_angle, mechanism.rod_angle, mechanism.arm_angle = bar.crank_angle, bar.rod_angle, bar.arm_angle
     mechanism.axis_x, mechanism.axis_z = crank_axis(bar)
     mechanism.far_mass = p.linkage.masses[1]
     mechanism.cell_stiffness, mechanism.cell_damping = p.load_cell.stiffness, cell_damping(p)

@@ -29,7 +29,7 @@ UNIFORM = ("spike", "command_frame", "feedback_frame")
 
 
 class Noise(NamedTuple):
-    """The random numbers of a block, (axes, ticks) each; those of :data:`UNIFORM` may be empty."""
+    """The random numbers of a block, (ticks, axes) each; those of :data:`UNIFORM` may be empty."""
 
     encoder: NDArray[np.float64]
     load_cell: NDArray[np.float64]
@@ -100,19 +100,19 @@ def sample(plant: Any, truth: Any, noise: Any, axis: int, row: int, samples: Any
     p, joints, body = truth.parameters, truth.joints, truth.body
     encoder = p.encoder
     step = 2.0 * math.pi / (encoder.counts * encoder.interpolation)
-    turned = plant.qpos[joints.motor] + encoder.slip + encoder.noise * noise.encoder[axis, row]
+    turned = plant.qpos[joints.motor] + encoder.slip + encoder.noise * noise.encoder[row, axis]
     samples.encoder = _quantised(turned, step)
     samples.current = body.current
 
-    spike = noise.spike[axis, row] if p.load_cell.spike_rate > 0.0 else 1.0
+    spike = noise.spike[row, axis] if p.load_cell.spike_rate > 0.0 else 1.0
     samples.load_cell = weigh(
-        p.load_cell, truth.mechanism, body, body.rod_force, noise.load_cell[axis, row], spike
+        p.load_cell, truth.mechanism, body, body.rod_force, noise.load_cell[row, axis], spike
     )  # fmt: skip
 
     column = plant.qpos[joints.column]
     pot = p.potentiometer
     pot_step = 2.0 * pot.range / (1 << pot.adc_bits)
-    shown = _quantised(column + pot.noise * noise.potentiometer[axis, row], pot_step)
+    shown = _quantised(column + pot.noise * noise.potentiometer[row, axis], pot_step)
     samples.potentiometer = min(max(shown, -pot.range), pot.range)
     samples.switch_forward = 1 if column < p.column.switch_angle else 0
     samples.switch_aft = 1 if column > -p.column.switch_angle else 0

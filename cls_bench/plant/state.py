@@ -64,7 +64,7 @@ MECHANISM = np.dtype(
         ("stages", np.int64),
         ("stage", STAGE, (MOST_STAGES,)),
         ("crank", np.float64), ("rod", np.float64), ("arm", np.float64),  # [m]; rod 0: none
-        ("crank_angle", np.float64), ("arm_angle", np.float64),  # at neutral [rad]
+        ("crank_angle", np.float64), ("rod_angle", np.float64), ("arm_angle", np.float64),  # at neutral [rad]
         ("axis_x", np.float64), ("axis_z", np.float64),  # crank axis from the column's [m]
         ("far_mass", np.float64),  # of the rod, at its column end before the strain gauge [kg]
         ("crank_inertia", np.float64), ("column_inertia", np.float64),  # without the far mass [kg·m²]
@@ -89,6 +89,7 @@ BODY = np.dtype(
         ("grip_damping", np.float64),  # [N·m·s/rad]
         ("grip_rest", np.float64),  # angle between limb and column at which the grip's spring is free [rad]
         # what acts in the present state
+        ("voltage", np.float64),  # on the motor's terminals [V]
         ("motor_torque", np.float64),  # of the air gap [N·m]
         ("rod_force", np.float64),  # tension positive [N]
         ("along_crank", np.float64), ("along_column", np.float64),  # levers of the pins along the rod [m]
