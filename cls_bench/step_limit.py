@@ -5,9 +5,10 @@ are those of the step's start. The check writes one step of the small motions as
 radius, at neutral and at both stops, with every contact closed or open and the hand off, loose or tight, each element
 as stiff as it can get::
 
-    v⁺ = v + h M⁻¹ (K i e_θ − Σ g (c gᵀq + d gᵀv) − Σ (σ0 z + σ1 v)),   q⁺ = q + h v⁺,   z⁺ = z + h v
+    v⁺ = v + h M⁻¹ (K i e_θ − Σ a (c gᵀq + d gᵀv) − Σ (σ0 z + σ1 v)),   q⁺ = q + h v⁺,   z⁺ = z + h v
     i⁺ = E i − (1 − E) K/R ω,   E = exp(−h R/L)
 
+a = g, but in a mesh that is driven: its friction follows its torque, and adds its loss to what the input shaft feels.
 q are the angles of the shafts from motor to crank, of column and limb, z the bristle deflections of the stages and of
 the bearing, i the motor current. The rod is a spring c = load_cell.stiffness between crank and column, g its levers.
 """
@@ -39,6 +40,7 @@ MOTOR = 0
 
 _STAGE_SUSPECTS: tuple[tuple[str, float], ...] = (
     ("stiffness", 0.25), ("damping_ratio", 0.25), ("transmission_error", 0.25), ("inertia", 4.0), ("ratio", 0.5),
+    ("efficiency", 1.25),
 )  # fmt: skip
 
 _SUSPECTS: tuple[tuple[str, float], ...] = (
@@ -97,9 +99,10 @@ _STABLE = 1.0 + 1e-6
 
 
 class _Spring(NamedTuple):
-    lever: Array  # (joints,)
+    lever: Array  # g, (joints,)
     stiffness: float
     damping: float
+    acting: Array | None = None  # a, where it is not g
 
 
 class _Position(NamedTuple):
@@ -161,7 +164,9 @@ class _Chain:
             slope = stage.transmission_error * stage.teeth
             behind = 1.0 + (slope if stage.kind == "planetary" else 0.0)
             lever = self.lever({k: 1.0 / stage.ratio + slope, k + 1: -behind})
-            springs.append(_Spring(lever, stage.stiffness, damping))
+            loss = (1.0 / stage.efficiency - 1.0) * (1.0 + stage.ripple)
+            acting = lever + self.lever({k: loss / stage.ratio})
+            springs.append(_Spring(lever, stage.stiffness, damping, acting))
         return springs
 
     def grips(self) -> list[_Spring]:
@@ -205,8 +210,9 @@ class _Chain:
         current = size - 1
         force = np.zeros((n, size))
         for spring in springs:
-            force[:, :n] -= spring.stiffness * np.outer(spring.lever, spring.lever)
-            force[:, n : 2 * n] -= spring.damping * np.outer(spring.lever, spring.lever)
+            coupling = np.outer(spring.lever if spring.acting is None else spring.acting, spring.lever)
+            force[:, :n] -= spring.stiffness * coupling
+            force[:, n : 2 * n] -= spring.damping * coupling
         for number, (joint, stiffness, damping) in enumerate(bristles):
             force[joint, 2 * n + number] -= stiffness
             force[joint, n + joint] -= damping

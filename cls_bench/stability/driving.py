@@ -7,9 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cls_bench.bench import Bench
+from cls_bench.hand import HandSamples
 from cls_bench.linear.hand import Hand
 from cls_bench.parameters import Parameters
-from cls_bench.pilot import HandSamples, Profile
+from cls_bench.pilot import Profile
 from cls_bench.signals import Block, Clock
 
 
