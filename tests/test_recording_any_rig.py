@@ -521,7 +521,7 @@ def toml_of(clock: Clock, stages: int = 2) -> bytes:
         f'[[checks]]\nname = "{kind}"\nmetric = "{kind}"\nwindow = [0.5, 1.5]\n' for kind in kinds
     )
     return (
-        f'title = "synthetic"\nduration = 2.0\n[parameters.rates]\n{rates}\n[parameters.gearbox]\n'
+        f'title = "synthetic"\nduration = 2.0\n[parameters.simulation]\nsubsteps = 8\n[parameters.rates]\n{rates}\n[parameters.gearbox]\n'
         f"stages = {stages}\n{checks}"
     ).encode()
 
