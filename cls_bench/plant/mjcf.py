@@ -159,7 +159,7 @@ def _fit_structure(spec: mujoco.MjSpec, p: Parameters) -> None:
     spec.delete(spec.body("carrier1"))
     for number in range(1, stages):
         carrier = spec.worldbody.add_body(name=f"carrier{number}", mass=0.25, inertia=[_POINT] * 3)
-        carrier.explicitinertial = True
+        carrier.explicitinertial, carrier.ipos = True, [0.0, 0.0, 0.0]
         carrier.add_joint(spec.find_default("main"), name=f"carrier{number}")
     if not stages:  # the motor sits on the crank
         spec.joint("motor").name = "unused"
@@ -376,3 +376,6 @@ def _frame_view(spec: mujoco.MjSpec, low: Array, high: Array) -> None:
         camera.pos = centre + scale * (camera.pos - was)
     spec.stat.center = centre + scale * (spec.stat.center - was)
     spec.stat.extent *= scale
+    floor = spec.geom("floor")
+    floor.pos = [centre[0] - was[0], centre[1] - was[1], 0.0]
+    floor.size = [scale * floor.size[0], scale * floor.size[1], floor.size[2]]

@@ -17,7 +17,7 @@ MOST_PIXELS = 4096
 
 ELEMENTS = frozenset({
     "mujoco", "compiler", "option", "flag", "statistic", "visual", "global", "quality", "headlight", "map", "rgba",
-    "scale", "default", "asset", "texture", "material", "worldbody", "body", "inertial", "joint", "freejoint", "geom",
+    "scale", "default", "asset", "texture", "material", "worldbody", "frame", "body", "inertial", "joint", "freejoint", "geom",
     "site", "camera", "light", "tendon", "fixed", "spatial", "equality", "connect", "weld", "actuator", "general",
     "motor", "sensor", "contact", "exclude",
 })  # fmt: skip
