@@ -1,18 +1,21 @@
 """The table of recorded signals, and the blocks in which they travel.
 
-Every topic, signal name, unit, rate and sign is defined here and nowhere else; the tick's trace buffers, the MCAP
-schemas, the Rerun entities and the documentation derive from :data:`TOPICS`.
+Every topic, signal name, unit, rate and sign is defined in :func:`topics` and nowhere else; the tick's trace buffers,
+the MCAP schemas, the Rerun entities and the documentation derive from it.
 
 Signs: angles are positive when the grip moves forward, away from the pilot (push); forces and torques are positive
 when they act in that direction; the load cell's force is positive in tension, which is what a pushing pilot causes.
 """
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+import math
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
 
 class Clock(NamedTuple):
     """How long a tick is, and how many ticks the cycles of drive, field bus and PLC last."""
@@ -45,9 +48,21 @@ class Clock(NamedTuple):
         return self.position_ticks * self.tick_s
 
     @property
+    def drive_ticks(self) -> int:
+        """Ticks between two recorded rows of the drive: its velocity cycle, or the part of it that fits into the PLC's.
+
+        So a row of any topic falls on each tick of the PLC.
+        """
+        return math.gcd(self.velocity_ticks, self.plc_ticks)
+
+    @property
     def pose_ticks(self) -> int:
-        """Ticks between two recorded sets of body poses: about 100 Hz, for the eye only."""
-        return max(1, round(10_000_000 / self.tick_ns))
+        """Ticks between two recorded sets of body poses: whole PLC cycles, about 100 Hz, for the eye only."""
+        return self.plc_ticks * max(1, round(10_000_000 / (self.plc_ticks * self.tick_ns)))
+
+    def time(self, tick: int) -> float:
+        """Time of a tick since the start of the run [s]."""
+        return tick * self.tick_ns / 1e9
 
     def tick_of(self, time: float) -> int:
         """Number of the tick that is nearest to ``time`` [s]."""
@@ -81,6 +96,13 @@ class Topic:
     ticks: int
     meaning: str
     signals: tuple[Signal, ...]
+    tick_ns: int = CLOCK.tick_ns
+    """length of a tick [ns]"""
+
+    @property
+    def axis(self) -> str:
+        """Name of the axis that it belongs to: ``pitch`` of ``/pitch/column``, empty if there is but one."""
+        return axis_of(self.path)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -90,77 +112,119 @@ class Topic:
     @property
     def rate(self) -> float:
         """Sampling rate [Hz]."""
-        return 1.0 / (self.ticks * TICK_S)
+        return 1e9 / (self.ticks * self.tick_ns)
 
     def rows(self, first_tick: int, ticks: int) -> int:
         """Number of rows that fall into ticks ``first_tick … first_tick + ticks − 1``."""
         return -(-(first_tick + ticks) // self.ticks) - -(-first_tick // self.ticks)
 
 
-def _topic(path: str, ticks: int, meaning: str, *signals: tuple[str, str, str]) -> Topic:
-    return Topic(path, ticks, meaning, tuple(Signal(*s) for s in signals))
+MOST_STAGES = 3
+"""Stages that a gearbox may have."""
+
+_AXIS = re.compile("[a-z][a-z0-9_]{0,19}")
 
 
-TOPICS: tuple[Topic, ...] = (
-    _topic(
-        "/pilot", VELOCITY_TICKS, "The hand on the grip.",
-        ("hand_force", "N", "force of the hand on the grip"),
-        ("squeeze", "1", "how tightly the hand grips: 0 loose, 1 rigid; −1 when it has let go"),
-        ("limb_angle", "rad", "angle of the forearm's mass about the column's axis"),
-    ),
-    _topic(
-        "/column", 1, "The control column.",
-        ("angle", "rad", "column angle from neutral"),
-        ("velocity", "rad/s", "column angular velocity"),
-        ("torque", "N·m", "torque the pilot exerts on the column"),
-    ),
-    _topic(
-        "/drive", VELOCITY_TICKS, "The servo drive, at the motor shaft.",
-        ("set_position", "rad", "set position of the position controller"),
-        ("position", "rad", "position from the encoder"),
-        ("set_velocity", "rad/s", "set velocity of the velocity controller"),
-        ("velocity", "rad/s", "velocity after the speed filter"),
-        ("torque_command", "N·m", "torque asked of the current controller"),
-        ("current", "A", "motor current (r.m.s. phase equivalent)"),
-        ("voltage", "V", "motor voltage (power-invariant equivalent)"),
-        ("torque", "N·m", "air-gap torque of the motor"),
-    ),
-    _topic(
-        "/gearbox", 1, "The two planetary stages; each stage's torque and twist at its output shaft, friction at its "
-        "input shaft.",
-        ("stage1_twist", "rad", "twist of stage 1, backlash included"),
-        ("stage1_torque", "N·m", "torque through the mesh of stage 1"),
-        ("stage1_friction", "N·m", "meshing friction of stage 1, opposing motion"),
-        ("stage2_twist", "rad", "twist of stage 2, backlash included"),
-        ("stage2_torque", "N·m", "torque through the mesh of stage 2"),
-        ("stage2_friction", "N·m", "meshing friction of stage 2, opposing motion"),
-    ),
-    _topic(
-        "/load_cell", 1, "The load cell and what the controller makes of it.",
-        ("force", "N", "force in the connecting rod as the strain gauge sees it, tension positive"),
-        ("torque", "N·m", "torque about the column's axis that the PLC computes from the counts, unbalance removed"),
-        ("counts", "1", "output of the analogue-to-digital converter"),
-    ),
-    _topic(
-        "/feel", PLC_TICKS, "The feel model (flight control system) in the PLC.",
-        ("torque", "N·m", "sum of the torques that act on the model"),
-        ("angle", "rad", "column angle of the model"),
-        ("velocity", "rad/s", "column angular velocity of the model"),
-    ),
-    _topic(
-        "/limits", PLC_TICKS, "Limits that were reached, each as a share of the ticks since the row before.",
-        ("load_cell", "1", "the load cell's converter was at the end of its range"),
-        ("set_angle", "1", "the PLC's set angle was held at the software limit"),
-        ("speed", "1", "the drive's set velocity was held at its speed limit"),
-        ("torque", "1", "the drive's torque command was held at its torque limit"),
-        ("current", "1", "the drive's set current was held at the peak or, once I²t was full, continuous current"),
-        ("voltage", "1", "the drive's voltage was held at what the DC bus gives"),
-        ("travel", "1", "the column was beyond its travel"),
-    ),
-)  # fmt: skip
+def _stage(number: int) -> tuple[tuple[str, str, str], ...]:
+    return (
+        (f"stage{number}_twist", "rad", f"twist of stage {number}, backlash included"),
+        (f"stage{number}_torque", "N·m", f"torque through the mesh of stage {number}"),
+        (f"stage{number}_friction", "N·m", f"meshing friction of stage {number}, opposing motion"),
+    )
+
+
+def topics(clock: Clock = CLOCK, stages: int = 2, axis: str = "") -> tuple[Topic, ...]:
+    """All topics of an axis whose gearbox has ``stages`` stages; named ``/axis/…`` if there are several axes.
+
+    ValueError for more stages than :data:`MOST_STAGES` or a name of an axis that is no plain word.
+    """
+    if not 0 <= stages <= MOST_STAGES:
+        raise ValueError(f"a gearbox has 0 to {MOST_STAGES} stages, not {stages}")
+    if axis and not is_axis(axis):
+        raise ValueError(f'"{axis}" is no name of an axis: up to 20 of a–z, 0–9 and _, a letter first')
+
+    def topic(path: str, ticks: int, meaning: str, *signals: tuple[str, str, str]) -> Topic:
+        prefix = f"/{axis}" if axis else ""
+        return Topic(f"{prefix}{path}", ticks, meaning, tuple(Signal(*s) for s in signals), clock.tick_ns)
+
+    gearbox = topic(
+        "/gearbox", 1, "The stages of the gearbox, the motor's first; each stage's torque and twist at its output "
+        "shaft, friction at its input shaft.",
+        *(signal for number in range(1, stages + 1) for signal in _stage(number)),
+    )  # fmt: skip
+    return (
+        topic(
+            "/pilot", clock.drive_ticks, "The hand on the grip.",
+            ("hand_force", "N", "force of the hand on the grip"),
+            ("squeeze", "1", "how tightly the hand grips: 0 loose, 1 rigid; −1 when it has let go"),
+            ("limb_angle", "rad", "angle of the forearm's mass about the column's axis"),
+        ),
+        topic(
+            "/column", 1, "The control column.",
+            ("angle", "rad", "column angle from neutral"),
+            ("velocity", "rad/s", "column angular velocity"),
+            ("torque", "N·m", "torque the pilot exerts on the column"),
+        ),
+        topic(
+            "/drive", clock.drive_ticks, "The servo drive, at the motor shaft.",
+            ("set_position", "rad", "set position of the position controller"),
+            ("position", "rad", "position from the encoder"),
+            ("set_velocity", "rad/s", "set velocity of the velocity controller"),
+            ("velocity", "rad/s", "velocity after the speed filter"),
+            ("torque_command", "N·m", "torque asked of the current controller"),
+            ("current", "A", "motor current (r.m.s. phase equivalent)"),
+            ("voltage", "V", "motor voltage (power-invariant equivalent)"),
+            ("torque", "N·m", "air-gap torque of the motor"),
+        ),
+        *([gearbox] if stages else []),
+        topic(
+            "/load_cell", 1, "The load cell and what the controller makes of it.",
+            ("force", "N", "force in the connecting rod as the strain gauge sees it, tension positive"),
+            (
+                "torque", "N·m", "torque about the column's axis that the PLC computes from the counts, unbalance "
+                "removed",
+            ),
+            ("counts", "1", "output of the analogue-to-digital converter"),
+        ),
+        topic(
+            "/feel", clock.plc_ticks, "The feel model (flight control system) in the PLC.",
+            ("torque", "N·m", "sum of the torques that act on the model"),
+            ("angle", "rad", "column angle of the model"),
+            ("velocity", "rad/s", "column angular velocity of the model"),
+        ),
+        topic(
+            "/limits", clock.plc_ticks, "Limits that were reached, each as a share of the ticks since the row before.",
+            ("load_cell", "1", "the load cell's converter was at the end of its range"),
+            ("set_angle", "1", "the PLC's set angle was held at the software limit"),
+            ("speed", "1", "the drive's set velocity was held at its speed limit"),
+            ("torque", "1", "the drive's torque command was held at its torque limit"),
+            ("current", "1", "the drive's set current was held at the peak or, once I²t was full, continuous current"),
+            ("voltage", "1", "the drive's voltage was held at what the DC bus gives"),
+            ("travel", "1", "the column was beyond its travel"),
+        ),
+    )  # fmt: skip
+
+
+def is_axis(name: str) -> bool:
+    """Whether an axis may have that name."""
+    return _AXIS.fullmatch(name) is not None
+
+
+def axis_of(path: str) -> str:
+    """Name of the axis of a topic or signal: ``pitch`` of ``/pitch/column``, empty if there is but one."""
+    return path.rpartition("/")[0].removeprefix("/")
+
+
+def axes_of(topics: Iterable[Topic]) -> tuple[str, ...]:
+    """Names of the axes that ``topics`` belong to, in their order; one empty name if there is but one."""
+    return tuple(dict.fromkeys(topic.axis for topic in topics))
+
+
+TOPICS = topics()
+"""The topics of the thesis's rig."""
 
 TOPIC: Mapping[str, Topic] = {t.path: t for t in TOPICS}
-"""The topics by path."""
+"""The same by path."""
 
 EVENTS_TOPIC = "/events"
 
@@ -175,11 +239,21 @@ class Event:
     source: str
     """Who says so: ``"scenario"``, ``"drive"``, ``"safety"``, ``"simulation"``."""
     message: str
+    tick_ns: int = CLOCK.tick_ns
+    """length of a tick [ns]; a :class:`Block` sees to it that it is its own"""
 
     @property
     def time(self) -> float:
         """Time since the start of the run [s]."""
-        return self.tick * TICK_S
+        return self.tick * self.tick_ns / 1e9
+
+
+class Column(NamedTuple):
+    """Samples of one signal, as far as they are there."""
+
+    ticks: NDArray[np.int64]
+    """at which there is one"""
+    values: NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -188,7 +262,7 @@ class Block:
 
     ``signals[path]`` has shape ``(topic.rows(first_tick, ticks), len(topic.signals))``; its row 0 belongs to the first
     tick ≥ ``first_tick`` that is divisible by ``topic.ticks``. ``poses`` has shape ``(rows, bodies, 7)``: position
-    [m] and quaternion (w, x, y, z) of each body of the MuJoCo model, world first, every :data:`POSE_TICKS` ticks.
+    [m] and quaternion (w, x, y, z) of each body of the MuJoCo model, world first, every ``clock.pose_ticks`` ticks.
     """
 
     first_tick: int
@@ -196,6 +270,14 @@ class Block:
     signals: Mapping[str, NDArray[np.float64]]
     poses: NDArray[np.float64]
     events: tuple[Event, ...] = field(default=())
+    clock: Clock = CLOCK
+    topics: tuple[Topic, ...] = TOPICS
+    """what :attr:`signals` are, of all axes"""
+
+    def __post_init__(self) -> None:
+        if any(event.tick_ns != self.clock.tick_ns for event in self.events):
+            own = tuple(replace(event, tick_ns=self.clock.tick_ns) for event in self.events)
+            object.__setattr__(self, "events", own)
 
     @property
     def end_tick(self) -> int:
@@ -207,10 +289,17 @@ class Block:
         first = -(-self.first_tick // every) * every
         return np.arange(first, self.end_tick, every, dtype=np.int64)
 
+    def topic(self, path: str) -> Topic:
+        """The topic of that path. KeyError if there is none."""
+        for topic in self.topics:
+            if topic.path == path:
+                return topic
+        raise KeyError(path)
+
     def __getitem__(self, signal: str) -> NDArray[np.float64]:
         """Samples of a signal such as ``/column.angle``, shape (rows,)."""
         path, _, name = signal.rpartition(".")
-        return self.signals[path][:, TOPIC[path].names.index(name)]
+        return self.signals[path][:, self.topic(path).names.index(name)]
 
     def __iter__(self) -> Iterator[tuple[Topic, NDArray[np.float64]]]:
-        return ((t, self.signals[t.path]) for t in TOPICS)
+        return ((t, self.signals[t.path]) for t in self.topics)
