@@ -2,7 +2,7 @@
 
 ``models/cls_bench.xml`` gives the structure, the parameters give every number, and what a rig has more or less than the
 thesis's is added and removed. The linkage is closed by a constraint here, meshes are tendons with a dead zone, friction
-is MuJoCo's LuGre element, the motor its ``dcmotor``; none of the compiled laws of ``cls_bench.plant`` takes part.
+is MuJoCo's LuGre element, the motor its ``dcmotor``; no compiled law of ``cls_bench.plant`` takes part.
 """
 
 import math
@@ -13,15 +13,14 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from cls_bench.parameters import GRAVITY, GearStage, Parameters
+from cls_bench.parameters import GRAVITY, Parameters
+from cls_bench.plant.column import STRIBECK, bearing_damping
+from cls_bench.plant.gearbox import shaft_inertias
+from cls_bench.plant.rod import cell_damping
 from cls_bench.plant.shapes import Frame, Layout, Vector, layout
 from cls_bench.resources import model_folder
 
 Array = NDArray[np.float64]
-
-BEARING_STRIBECK = 0.01
-"""Stribeck velocity of the column's bearing [rad/s]; without effect on its level, as static and Coulomb friction are
-equal, it sets the speed above which the presliding damping fades out (assumed: well below the slowest sweep)."""
 
 GAP = 0.15
 """Between rigs that stand side by side [m]."""
@@ -225,39 +224,6 @@ def _weigh(spec: mujoco.MjSpec, p: Parameters) -> None:
     limb.ipos = [0.0, limb.ipos[1], p.column.grip_height]
 
 
-def shaft_inertias(p: Parameters) -> list[float]:
-    """Inertia [kg·m²] of the motor's shaft and of each stage's output, the crank's own with the last."""
-    inertias = [p.motor.rotor_inertia + p.gearbox.input_inertia, *(stage.inertia for stage in p.gearbox.in_use)]
-    inertias[-1] += p.linkage.crank_inertia
-    return inertias
-
-
-def mesh_dampings(p: Parameters) -> list[float]:
-    """Damping [N·m·s/rad] of each stage's mesh: its ratio of critical for the two inertias it lies between."""
-    inertias = shaft_inertias(p)
-
-    def damping(stage: GearStage, before: float, behind: float) -> float:
-        seen = before * stage.ratio**2
-        return 2.0 * stage.damping_ratio * math.sqrt(stage.stiffness * seen * behind / (seen + behind))
-
-    return [damping(stage, inertias[k], inertias[k + 1]) for k, stage in enumerate(p.gearbox.in_use)]
-
-
-def cell_damping(p: Parameters) -> float:
-    """Damping [N·s/m] of the load cell, which carries rod end and column as seen at the column joint."""
-    carried = p.linkage.masses[2] + p.column.inertia / p.linkage.arm**2
-    return 2.0 * p.load_cell.damping_ratio * math.sqrt(p.load_cell.stiffness * carried)
-
-
-def bearing_damping(p: Parameters) -> float:
-    """Presliding damping [N·m·s/rad] of the column's bearing.
-
-    A tenth of critical: enough to quiet the bristles, too little to matter in sliding.
-    """
-    inertia = p.column.inertia + p.linkage.masses[2] * p.linkage.arm**2
-    return 0.2 * math.sqrt(p.column.bristle_stiffness * inertia)
-
-
 def _set_motor(spec: mujoco.MjSpec, p: Parameters) -> None:
     m = p.motor
     spec.actuator("motor").set_to_dcmotor(
@@ -316,7 +282,7 @@ def _set_column_and_limb(spec: mujoco.MjSpec, p: Parameters) -> None:
     spec.joint("column").damping[0] = c.viscous_friction
     _set_friction(
         spec.actuator("column_bearing"), stiffness=c.bristle_stiffness, damping=bearing_damping(p),
-        coulomb=c.coulomb_friction, static=c.coulomb_friction, stribeck=BEARING_STRIBECK,
+        coulomb=c.coulomb_friction, static=c.coulomb_friction, stribeck=STRIBECK,
     )  # fmt: skip
     stops = spec.tendon("stop_blocks")
     stops.stiffness[0] = c.stop_stiffness
