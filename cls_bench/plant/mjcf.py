@@ -158,7 +158,7 @@ def _fit_structure(spec: mujoco.MjSpec, p: Parameters) -> None:
             spec.delete(item)
     spec.delete(spec.body("carrier1"))
     for number in range(1, stages):
-        carrier = spec.worldbody.add_body(name=f"carrier{number}", mass=0.25, inertia=[_POINT] * 3)
+        carrier = spec.worldbody.add_body(name=f"carrier{number}", mass=0.25, inertia=[_POINT] * 3, ipos=[0.0] * 3)
         carrier.explicitinertial = True
         carrier.add_joint(spec.find_default("main"), name=f"carrier{number}")
     if not stages:  # the motor sits on the crank
