@@ -27,7 +27,7 @@ from cls_bench.controllers import failure_of
 from cls_bench.errors import BenchError, ControllerError, ExitCode, InputError, one_line
 from cls_bench.geometry import Geom
 from cls_bench.parameters import Parameters, leaves
-from cls_bench.pilot import HandSamples
+from cls_bench.hand import HandSamples
 from cls_bench.plant import mechanism, mjcf, sensors, state
 from cls_bench.plant import model as plant_model
 from cls_bench.resources import model_folder

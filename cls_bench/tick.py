@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from cls_bench.compiled import compiled, mj_step
 from cls_bench.control import latch, limits, plc, servo, validity
-from cls_bench.pilot import HandSamples
+from cls_bench.hand import HandSamples
 from cls_bench.plant import limb, mechanism, rod, sensors
 from cls_bench.plant.state import Plant
 
