@@ -32,7 +32,7 @@ from cls_bench.recording.mcap_writer import (
 from cls_bench.recording.run_info import RunInfo
 from cls_bench.recording.samples import decode
 from cls_bench.recording.seal import SEAL_KEY, SEAL_METADATA, seal_of
-from cls_bench.signals import EVENTS_TOPIC, POSE_TICKS, TICK_NS, TOPICS, Block, Event, Signal, Topic
+from cls_bench.signals import EVENTS_TOPIC, POSE_TICKS, TICK_NS, TOPIC, TOPICS, Block, Event, Signal, Topic
 from cls_bench.text import printable
 
 INCOMPLETE = "incomplete"
@@ -398,6 +398,10 @@ class Recording:
             except (DecodeError, KeyError, ValueError):
                 fields, ticks = {}, 0
             path = channel.topic
+            if not self._file.vouched and path in TOPIC:  # a letter of a name may have changed
+                strange = [name for name in fields.values() if name not in TOPIC[path].names]
+                fields = {number: name for number, name in fields.items() if name not in strange}
+                self._file.faults += [f'{path} has no signal "{printable(name, 100)}": it is left out' for name in strange]
             if not fields or not 1 <= ticks <= 1_000_000 or path != printable(path):
                 raise self._damaged(f'topic "{printable(path, 100)}" cannot be understood')
             about = {key: printable(text, LONGEST_TEXT) for key, text in channel.metadata.items()}
