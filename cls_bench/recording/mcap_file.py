@@ -489,14 +489,14 @@ class McapFile:
             if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
                 self._add_text(opcode, content)
             elif opcode == Opcode.STATISTICS and len(content) >= _STATISTICS.size:
-                self._count(*_STATISTICS.unpack_from(content))
+                self._count(*_STATISTICS.unpack_from(content)[3:])
         if any(self.schemas.get(key, schema) != schema for key, schema in schemas.items()) or any(
             self.channels.get(key, channel) != channel for key, channel in channels.items()
         ):
             self.faults.append("schemas or channels differ from those in its summary, which are used")
         self.schemas, self.channels = schemas | self.schemas, channels | self.channels
 
-    def _count(self, _messages: int, _schemas: int, _channels: int, attachments: int, metadata: int, chunks: int) -> None:
+    def _count(self, attachments: int, metadata: int, chunks: int) -> None:
         """Hold what was found against what the summary counts."""
         for what, found, counted in (
             ("chunks", sum(not chunk.bare for chunk in self.chunks), chunks),

@@ -401,7 +401,8 @@ class Recording:
             if not self._file.vouched and path in TOPIC:  # a letter of a name may have changed
                 strange = [name for name in fields.values() if name not in TOPIC[path].names]
                 fields = {number: name for number, name in fields.items() if name not in strange}
-                self._file.faults += [f'{path} has no signal "{printable(name, 100)}": it is left out' for name in strange]
+                for name in strange:
+                    self._file.faults.append(f'{path} has no signal "{printable(name, 100)}": it is left out')
             if not fields or not 1 <= ticks <= 1_000_000 or path != printable(path):
                 raise self._damaged(f'topic "{printable(path, 100)}" cannot be understood')
             about = {key: printable(text, LONGEST_TEXT) for key, text in channel.metadata.items()}
