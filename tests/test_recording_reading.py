@@ -34,9 +34,11 @@ from cls_bench.recording.samples import decode
 from cls_bench.recording.seal import SEAL_KEY, SEAL_METADATA, seal_of
 from cls_bench.report.recorded_run import NOT_MEASURED, RecordedRun
 from cls_bench.scenario import parse_scenario
-from cls_bench.signals import TICK_NS, TICK_S, TOPICS, Event
+from cls_bench.signals import CLOCK, TOPICS, Event
 from cls_bench.text import printable
 from tests.test_recording import INFO, joined, make_block, make_blocks, record, same_bits
+
+TICK_NS, TICK_S = CLOCK.tick_ns, CLOCK.tick_s
 
 MAGIC = b"\x89MCAP0\r\n"
 HEAD = struct.Struct("<BQ")

@@ -1,6 +1,6 @@
 """Stills and videos of the bench as MuJoCo draws it, from a recording alone."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ from cls_bench.errors import InputError, OutputError
 from cls_bench.geometry import force_arrows, turned
 from cls_bench.recording import Recording
 from cls_bench.report.drawn_model import MODEL_FILE, check_time, model_xml
-from cls_bench.signals import POSE_TICKS, TICK_S
+from cls_bench.signals import axes_of
 from cls_bench.text import printable
 
 Image = NDArray[np.uint8]
@@ -37,10 +37,12 @@ class Renderer:
             spec = mujoco.MjSpec.from_string(xml)
             spec.visual.global_.offwidth, spec.visual.global_.offheight = size
             self._model = spec.compile()
-            self._ends = [self._model.body(name).id for name in ("column", "rod_end")]
+            bodies = [self._model.body(k).name for k in range(self._model.nbody)]
         except (ValueError, KeyError, TypeError) as error:
             reason = printable(str(error), 300)
             raise InputError(f"{recording.path}: its {MODEL_FILE} cannot be drawn: {reason}") from None
+        self._pose_s = recording.clock.time(recording.clock.pose_ticks)
+        self._columns = _columns(bodies, axes_of(recording.known_topics) or ("",))
         self._data = mujoco.MjData(self._model)
         mujoco.mj_forward(self._model, self._data)  # cameras and lights stand in the world; the bodies come later
         cameras = [self._model.camera(k).name for k in range(self._model.ncam)]
@@ -59,39 +61,48 @@ class Renderer:
     def still(self, at: float) -> Image:
         """The bench at ``at`` [s], shape (height, width, 3). InputError outside of the recording."""
         check_time(self._recording, at)
-        at = min(at, self._recording.duration - POSE_TICKS * TICK_S)  # poses are there every 10 ms
-        image = next(self.frames(at, at + 2 * POSE_TICKS * TICK_S, POSE_TICKS * TICK_S), None)
+        at = min(at, self._recording.duration - self._pose_s)  # poses are there some 100 times a second
+        image = next(self.frames(at, at + 2 * self._pose_s, self._pose_s), None)
         if image is None:
             raise InputError(f"{self._recording.path}: there are no poses at {at:g} s")
         return image
 
     def frames(self, start: float, end: float, step: float) -> Iterator[Image]:
-        """The bench every ``step`` [s], at 100 Hz at most."""
+        """The bench every ``step`` [s], at some 100 Hz at most."""
         time, poses = self._recording.poses(start, end)
-        every = max(round(step / (POSE_TICKS * TICK_S)), 1)
+        every = max(round(step / self._pose_s), 1)
         if not len(time):
             return
         if poses.shape[1] != self._model.nbody or not np.abs(poses).max() <= FURTHEST:
             raise InputError(f"{self._recording.path}: its poses are not those of its model")
-        force, hand = (self._force(time, *names) for names in (("/load_cell", "force"), ("/pilot", "hand_force")))
-        column, rod_end = self._ends
-        origins, vectors = force_arrows(poses[:, column], poses[:, rod_end], hand, force)
+        arrows = [self._arrows(time, poses, *which) for which in self._columns]
         for row in range(0, len(time), every):
-            yield self._draw(poses[row], origins[row], vectors[row])
+            yield self._draw(poses[row], [(origins[row], vectors[row]) for origins, vectors in arrows])
+
+    def _arrows(self, time: NDArray[np.float64], poses: NDArray[np.float64], axis: str, ends: Sequence[int]) -> Any:
+        """Origins and vectors of the forces on the column of an axis: the hand's, and the rod's if there is one."""
+        root = f"/{axis}" if axis else ""
+        force, hand = (
+            self._force(time, f"{root}{topic}", name)
+            for topic, name in (("/load_cell", "force"), ("/pilot", "hand_force"))
+        )
+        origins, vectors = force_arrows(poses[:, ends[0]], poses[:, ends[-1]], hand, force)
+        return origins[:, : len(ends)], vectors[:, : len(ends)]
 
     def _force(self, time: NDArray[np.float64], topic: str, name: str) -> NDArray[np.float64]:
         """A force at ``time`` [N]; 0, which draws no arrow, where it was not recorded."""
         known = self._recording.topics.get(topic)
         if known is None or name not in known.names:
             return np.zeros(len(time))
-        series = self._recording.read(topic, [name], float(time[0]), float(time[-1]) + TICK_S)
+        tick_s = self._recording.clock.tick_s
+        series = self._recording.read(topic, [name], float(time[0]), float(time[-1]) + tick_s)
         if not len(series):
             return np.zeros(len(time))
-        place = np.clip(np.searchsorted(series.time, time - 0.5 * TICK_S), 0, len(series) - 1)
-        there = np.abs(series.time[place] - time) < known.ticks * TICK_S
+        place = np.clip(np.searchsorted(series.time, time - 0.5 * tick_s), 0, len(series) - 1)
+        there = np.abs(series.time[place] - time) < known.ticks * tick_s
         return np.where(there & (np.abs(series[name][place]) < 1e6), series[name][place], 0.0)
 
-    def _draw(self, poses: NDArray[np.float64], origins: Any, vectors: Any) -> Image:
+    def _draw(self, poses: NDArray[np.float64], arrows: Sequence[tuple[Any, Any]]) -> Image:
         model, data = self._model, self._data
         bodies = poses[model.geom_bodyid]
         data.geom_xpos[:] = bodies[:, :3] + turned(bodies[:, 3:], model.geom_pos)
@@ -100,8 +111,9 @@ class Renderer:
             mujoco.mju_mulQuat(quaternion, body, own)
             mujoco.mju_quat2Mat(data.geom_xmat[geom], quaternion)
         self._renderer.update_scene(data, self._camera)
-        for origin, vector, color in zip(origins, vectors, _ARROW_COLORS, strict=True):
-            self._add_arrow(origin, vector, color)
+        for origins, vectors in arrows:
+            for origin, vector, color in zip(origins, vectors, _ARROW_COLORS, strict=False):
+                self._add_arrow(origin, vector, color)
         return np.asarray(self._renderer.render())
 
     def _add_arrow(self, origin: Any, vector: Any, color: tuple[float, ...]) -> None:
@@ -113,6 +125,16 @@ class Renderer:
         mujoco.mjv_initGeom(geom, arrow, np.zeros(3), np.zeros(3), np.eye(3).ravel(), np.array(color, np.float32))
         mujoco.mjv_connector(geom, arrow, _ARROW_RADIUS, origin, origin + vector)
         scene.ngeom += 1
+
+
+def _columns(bodies: Sequence[str], axes: Sequence[str]) -> list[tuple[str, list[int]]]:
+    """Axes with a column, and the numbers of its body and, if there is a rod, the rod's end."""
+    found = []
+    for axis in axes:
+        names = [f"{axis}/{name}" if axis else name for name in ("column", "rod_end")]
+        if names[0] in bodies:
+            found.append((axis, [bodies.index(name) for name in names if name in bodies]))
+    return found
 
 
 def save_still(recording: Recording, at: float, path: Path, size: tuple[int, int] = SIZE, camera: str = CAMERA) -> None:
