@@ -1,11 +1,16 @@
-"""The bench: owns model, memory and buffers, and runs a scenario block by block."""
+"""The bench: owns model, memory and buffers of one axis or several, and steps them.
+
+It is told what the hands do and what changes, and knows no scenario: scripted runs, sweeps, live use and a host link are
+drivers on top (:mod:`cls_bench.drivers`).
+"""
 
 import math
 import platform
 import threading
 import warnings
 import weakref
-from collections.abc import Iterator, Mapping
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cached_property
 from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
@@ -15,25 +20,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cls_bench import tick
-from cls_bench.compiled import JIT, Callback
-from cls_bench.control import plc, servo, tuning, validity
+from cls_bench.axis import AXIS, NUMBERS, forget, set_parameters
+from cls_bench.compiled import JIT, Callback, records
+from cls_bench.control import plc, servo
 from cls_bench.controllers import failure_of
 from cls_bench.errors import BenchError, ControllerError, ExitCode, InputError, one_line
 from cls_bench.geometry import Geom
-from cls_bench.kinematics import fit_polynomials
-from cls_bench.parameters import Parameters, leaves, memory_of
-from cls_bench.pilot import HandTimeline
+from cls_bench.parameters import Parameters, leaves
+from cls_bench.hand import HandSamples
+from cls_bench.plant import mechanism, mjcf, sensors, state
 from cls_bench.plant import model as plant_model
-from cls_bench.plant import sensors, state
 from cls_bench.resources import model_folder
-from cls_bench.run_log import LimitLog, Trip, trip
-from cls_bench.scenario import Change, Scenario, tick_of
-from cls_bench.signals import PLC_TICKS, POSE_TICKS, TICK_S, TOPIC, VELOCITY_S, Block, Event
+from cls_bench.run_log import LimitLog, Trip, source_of, trip
+from cls_bench.signals import Block, Event, Topic, topics
 from cls_bench.step_limit import check_step
-from cls_bench.trace import buffers, tables
+from cls_bench.trace import Buffers, tables
 
-BLOCK_TICKS = 500 * PLC_TICKS
-"""Longest block: 0.2 s. A killed run loses at most this much."""
+LONGEST_BLOCK = 0.2
+"""Longest block [s]. A killed run loses at most this much."""
 
 
 class Inputs(NamedTuple):
@@ -84,51 +88,136 @@ class DivergedError(BenchError):
         self.cause = cause
 
 
-class Bench:
-    """The rig with one set of parameters, from standstill at neutral.
+class Axis(NamedTuple):
+    """One axis of a bench."""
 
-    ``seed`` seeds the sensors' noise. ``controller`` replaces the feel model in the PLC by a user's own outer loop.
-    Raises :class:`InputError` if the parameters make a model that cannot be stepped, and MemoryError.
+    name: str
+    """empty if it is the only one"""
+    record: Any
+    """its :data:`cls_bench.axis.AXIS`, in the bench's memory"""
+    topics: tuple[Topic, ...]
+    trips: list[Trip]
+    limits: LimitLog
+
+
+class Bench:
+    """One axis or several with one set of parameters each, from standstill at neutral.
+
+    ``parameters`` are those of the only axis, or of each by name. ``seed`` seeds the sensors' noise; each sensor has a
+    random stream of its own. ``controller`` replaces the feel model in the PLC by a user's own outer loop, or those of
+    some axes by name. Raises :class:`InputError` if the parameters make a model that cannot be stepped, and MemoryError.
     """
 
-    def __init__(self, parameters: Parameters, *, seed: int = 0, controller: OuterLoop | None = None):
-        if controller is not None and not isinstance(controller, OuterLoop):
-            raise InputError(f"controller {type(controller).__name__} has no method step(inputs)")
-        self.controller = controller
-        check_step(parameters)
+    def __init__(
+        self, parameters: Parameters | Mapping[str, Parameters], *, seed: int = 0,
+        controller: "OuterLoop | Mapping[str, OuterLoop] | None" = None,
+    ):  # fmt: skip
+        self._built = {"": parameters} if isinstance(parameters, Parameters) else dict(parameters)
+        self._controllers: dict[str, OuterLoop] = dict(controller) if isinstance(controller, Mapping) else (
+            {} if controller is None else {next(iter(self._built)): controller}
+        )
+        for loop in self._controllers.values():
+            if not isinstance(loop, OuterLoop):
+                raise InputError(f"controller {type(loop).__name__} has no method step(inputs)")
+        _check_together(self._built)
+        for p in self._built.values():
+            check_step(p)
         try:
-            self.model: Any = plant_model.stepped_spec(parameters).compile()
+            self.model: Any = plant_model.build(self._built)
         except ValueError as error:
             if "allocate" in str(error):  # MuJoCo tells of it as of a wrong model
                 raise MemoryError("no memory is left for the model") from None
             raise InputError(f"these parameters make no valid model: {str(error).splitlines()[0]}") from None
-        self._built = parameters
         self.data: Any = mujoco.MjData(self.model)
         self.plant = state.view(self.model, self.data)
-        self._rng = np.random.Generator(np.random.PCG64(seed))
-        memory = np.zeros(1, dtype=tick.STATE)
-        self._state: Any = memory.view(np.recarray)[0]
-        self._numbers = validity.numbers(memory)
-        self.trips: list[Trip] = []
-        """trips of the drive, in order"""
-        self._limits = LimitLog()
-        self._outer_loop = _Asking(controller, memory)
+        first = next(iter(self._built.values()))
+        self.clock = first.rates.clock
+        self._cycles = tick.Cycles(
+            self.clock.velocity_ticks, self.clock.position_ticks, self.clock.bus_ticks, self.clock.plc_ticks,
+            self.clock.drive_ticks, self.clock.pose_ticks, first.simulation.substeps,
+        )  # fmt: skip
+        self.block_ticks = max(1, round(LONGEST_BLOCK / self.clock.plc_s)) * self.clock.plc_ticks
+        """longest block that :meth:`advance` runs [ticks]"""
+        memory = np.zeros(len(self._built), AXIS)
+        self._memory = records(memory)
+        self._axes = memory.view(np.recarray)
+        self.axes = tuple(
+            Axis(name, self._axes[a], topics(self.clock, p.gearbox.stages, name), [], LimitLog(self.clock, name))
+            for a, (name, p) in enumerate(self._built.items())
+        )
+        """the axes, in order"""
+        for axis, p in zip(self.axes, self._built.values(), strict=True):
+            plant_model.find_joints(self.model, axis.name, p.gearbox.stages, axis.record.truth.joints)
+        self.topics = tuple(topic for axis in self.axes for topic in axis.topics)
+        """what is recorded"""
+        words = memory.view(np.float64, np.ndarray).reshape(len(memory), -1)
+        self._watched = tick.Watched(words, NUMBERS[0].words, NUMBERS[1].words)
+        self._bodies, self.body_names = _bodies(self._built)
+        self._warned = np.zeros(1, np.int64)
+        self._outer_loop = _Asking(self._controllers, memory, tuple(self._built), self.clock.tick_s)
+        self.reset(seed=seed)
+
+    def reset(self, parameters: Parameters | Mapping[str, Parameters] | None = None, *, seed: int = 0) -> None:
+        """Go back to standstill at neutral, as if made anew, with other ``parameters`` if given.
+
+        They need the same stages and rates as before: ValueError otherwise. Raises InputError as :class:`Bench` does.
+        """
+        if parameters is not None:
+            built = {"": parameters} if isinstance(parameters, Parameters) else dict(parameters)
+            if self._shape(built) != self._shape(self._built):
+                raise ValueError("other axes, stages, rates or substeps need a new bench")
+            for p in built.values():
+                check_step(p)
+            self._built = built
+            self.__dict__.pop("_drawn", None)
+            self._bodies, _ = _bodies(built)
+        self.parameters_of = dict(self._built)
+        """parameters of each axis as they are now, by name"""
+        mujoco.mj_resetData(self.model, self.data)
+        for axis, p in zip(self.axes, self._built.values(), strict=True):
+            forget(axis.record, p)
+            axis.record.controller.state.external = int(axis.name in self._controllers)
+            self._apply(axis, p)
+            axis.trips.clear()
+            axis.limits.reset()
+        self._streams = _Streams(tuple(self._built), seed)
+        self._buffers: Buffers | None = None
+        self._events: list[Event] = []
         self._tick = 0
-        self.plant.tendon_stiffness[state.GRIP] = 0.0  # the hand grips when the scenario says so
-        self.plant.tendon_damping[state.GRIP] = 0.0
-        self._apply(parameters)
+        self._warned[0] = 0
+        self.failure: BaseException | None = None
+        """why the run ended before its time"""
+
+    @staticmethod
+    def _shape(built: Mapping[str, Parameters]) -> Any:
+        return [(name, p.gearbox.stages, p.rates, p.simulation) for name, p in built.items()]
 
     @property
     def time(self) -> float:
         """Time simulated so far [s]."""
-        return self._tick * TICK_S
+        return self.clock.time(self._tick)
+
+    @property
+    def next_tick(self) -> int:
+        """Number of the next tick."""
+        return self._tick
+
+    @property
+    def parameters(self) -> Parameters:
+        """Parameters of the first axis as they are now."""
+        return next(iter(self.parameters_of.values()))
+
+    @property
+    def trips(self) -> list[Trip]:
+        """Trips of the drives, in order."""
+        return sorted((found for axis in self.axes for found in axis.trips), key=lambda found: found.tick)
 
     def compile(self) -> None:
         """Have the loop's machine code ready: compiled once for each version of the sources, then from the cache."""
-        none = np.zeros(0)
-        hand = tick.Hand(none, none, none, np.zeros(0, np.bool_), np.zeros(0, np.bool_), none)
-        noise = np.zeros((0, sensors.NOISES))
-        self._advance(hand, noise, buffers(0, 0, self.model.nbody), 0, 0)
+        none = np.zeros((0, len(self.axes)))
+        hand = tick.Hand(none, none, none, none.astype(np.bool_), none.astype(np.bool_), none)
+        empty = Buffers(self.clock, len(self.axes), len(self.body_names), 0, 0)
+        self._advance(hand, sensors.Noise(*[none] * 6), empty.part(0, 0), 0)
 
     @property
     def mjcf(self) -> Mapping[str, bytes]:
@@ -140,138 +229,153 @@ class Bench:
     @cached_property
     def _drawn(self) -> tuple[mujoco.MjSpec, Any]:
         """The same bench with all that is to be seen of it."""
-        spec = plant_model.build_spec(self._built)
+        spec = mjcf.build_bench(self._built)
         return spec, spec.compile()
-
-    @property
-    def body_names(self) -> tuple[str, ...]:
-        """Names of the bodies, world first."""
-        return tuple(self.model.body(i).name for i in range(self.model.nbody))
 
     @property
     def geoms(self) -> tuple[Geom, ...]:
         """The shapes of all bodies."""
         _, m = self._drawn
+        found = [m.body(i).name for i in range(m.nbody)]
+        number = {i: self.body_names.index(name) for i, name in enumerate(found)}
 
         def numbers(values: Any) -> Any:
             return tuple(float(v) for v in values)
 
         return tuple(
             Geom(
-                int(m.geom_bodyid[i]),
+                number[int(m.geom_bodyid[i])],
                 mujoco.mjtGeom(int(m.geom_type[i])).name.removeprefix("mjGEOM_").lower(),
                 numbers(m.geom_size[i]), numbers(m.geom_pos[i]), numbers(m.geom_quat[i]), numbers(m.geom_rgba[i]),
             )
             for i in range(m.ngeom)
         )  # fmt: skip
 
-    def _apply(self, parameters: Parameters) -> None:
+    def _apply(self, axis: Axis, parameters: Parameters) -> None:
         """Take over ``parameters``, at the start or for a change of live ones in mid-run."""
-        self.parameters = parameters
-        memory = memory_of(parameters)
-        self._record = memory.view(np.recarray)[0]
-        self._watched = tick.Watched(self._numbers, validity.numbers(memory))
-        plant_model.set_limb_mass(self.model, parameters.limb.mass)
-        reach = parameters.kinematic_range
-        try:
-            polynomials = fit_polynomials(parameters.linkage.four_bar, reach, parameters.plc.polynomial_degree)
-        except ValueError as error:
-            raise InputError(f"parameters.linkage: {error}") from None
-        self._constants = tick.Constants(
-            gains=tuning.design(self._record.drive, self._record.motor, VELOCITY_S),
-            dampings=plant_model.dampings(parameters),
-            bar=parameters.linkage.four_bar,
-            polynomials=polynomials,
-            mesh_loss=parameters.gearbox.mesh_loss,
-            unbalance=plant_model.static_unbalance(parameters),
-            newtons_per_count=float(sensors.load_cell_count(self._record.load_cell)),
-            voltage_limit=parameters.drive.voltage_limit,
-        )
+        set_parameters(axis.record, parameters)
+        self.parameters_of[axis.name] = parameters
+        plant_model.set_weights(self.model, axis.name, parameters)
 
-    def run(self, scenario: Scenario) -> Iterator[Block]:
-        """Run ``scenario``; yields a block for every 0.2 s at most. A bench runs once.
+    def _named(self, name: str) -> Axis:
+        for axis in self.axes:
+            if axis.name == name:
+                return axis
+        raise InputError(f"axis {name!r}: there is {', '.join(repr(axis.name) for axis in self.axes)}")
 
-        Raises :class:`DivergedError` when a state leaves all bounds and :class:`ControllerError` when a user's outer
-        loop fails, in both cases after the last good block was yielded with an error event in it.
-        """
-        if self._tick:
-            raise RuntimeError("this bench has run already; make a new one")
-        timeline = HandTimeline(scenario)
-        changes = sorted(scenario.changes, key=lambda change: change.at)
-        self._start(scenario)
-        end = self._end = -(-scenario.ticks // PLC_TICKS) * PLC_TICKS
-        while self._tick < end:
-            events = []
-            while changes and _cycle_start(changes[0]) <= self._tick:
-                events += self._change(changes.pop(0))
-            until = min(end, self._tick + BLOCK_TICKS, *(_cycle_start(change) for change in changes[:1]))
-            yield from self._block(timeline, until - self._tick, events)
-
-    def _start(self, scenario: Scenario) -> None:
-        self._state.servo.mode = (
-            servo.VELOCITY if self.parameters.plc.outer_loop == "velocity" else servo.POSITION
-        )
-        self._state.power = int(scenario.drive.power == "on")
-
-    def _change(self, change: Change) -> list[Event]:
-        """Carry out a change; returns what the log says of it."""
+    def change(
+        self, parameters: Parameters | None = None, *, mode: str | None = None, power: str | None = None, axis: str = "",
+    ) -> None:  # fmt: skip
+        """Change live parameters of an axis, its drive's mode or power, from the next tick on; the log says so."""
+        changed = self._named(axis)
+        state_record = changed.record.controller.state
         said = []
-        if change.parameters:
-            before = leaves(self.parameters)
-            after = change.apply(self.parameters)
+        if parameters is not None:
             said += [
                 f"{key} = {value}" + ("" if info["unit"] == "1" else f" {info['unit']}")
-                for (key, value, info), (_, old, _) in zip(leaves(after), before, strict=True) if value != old
-            ]
-            self._apply(after)
-        if change.mode is not None:
-            self._state.servo.mode = servo.MODES.index(change.mode)
-            said.append(f"drive mode {change.mode}")
-        if change.power is not None:
-            self._state.power = int(change.power == "on")
-            self._state.plc.trip = plc.NO_TRIP
-            said.append(f"drive power {change.power}")
-        return [Event(self._tick, "info", "scenario", line) for line in said]
+                for (key, value, info), (_, old, _) in zip(
+                    leaves(parameters), leaves(self.parameters_of[axis]), strict=True
+                ) if value != old
+            ]  # fmt: skip
+            self._apply(changed, parameters)
+        if mode is not None:
+            state_record.servo.mode = servo.MODES.index(mode)
+            said.append(f"drive mode {mode}")
+        if power is not None:
+            state_record.power = int(power == "on")
+            state_record.plc.trip = plc.NO_TRIP
+            said.append(f"drive power {power}")
+        self._events += [Event(self._tick, "info", source_of(axis, "scenario"), line) for line in said]
 
-    def _block(self, timeline: HandTimeline, ticks: int, events: list[Event]) -> Iterator[Block]:
-        first = self._tick
-        hand = tick.Hand.of(timeline.sample(first, ticks))
-        noise = self._rng.standard_normal((ticks, sensors.NOISES))
-        trace = buffers(first, ticks, self.model.nbody)
-        powered = self._state.power
-        failure: BaseException | None = None
+    def start(self, *, power: bool = True) -> None:
+        """Switch the drives on, or leave them off; once, before the first :meth:`advance`."""
+        if self._tick:
+            raise RuntimeError("this bench has run already; reset it")
+        for axis in self.axes:
+            axis.record.controller.state.power = int(power)
+
+    def advance(self, hand: HandSamples | Sequence[HandSamples] | tick.Hand, *, last: bool = False) -> Block:
+        """Run as many ticks as ``hand`` (of the only axis, or of each) has entries; returns what was recorded.
+
+        A whole number of PLC cycles, but in the ``last`` block of a run, which also closes what the log keeps open; at
+        most :attr:`block_ticks`. A state that leaves all bounds, or a user's outer loop that fails, ends the block
+        early, with an error event in it: :attr:`failure` then says why, and the bench runs no more until it is reset.
+        """
+        if self.failure is not None:
+            raise RuntimeError("this run has failed; reset the bench")
+        if isinstance(hand, HandSamples):
+            hand = [hand]
+        hands: tick.Hand = hand if isinstance(hand, tick.Hand) else tick.Hand.of(hand)
+        first, ticks = self._tick, len(hands.angle)
+        if not 0 < ticks <= self.block_ticks or first % self.clock.plc_ticks:
+            raise ValueError(f"a block has whole PLC cycles, and at most {self.block_ticks} ticks; this one {ticks}")
+        noise = self._streams.draw(ticks, self._chances)
+        trace = self._room(first, ticks)
+        powered = [axis.record.controller.state.power for axis in self.axes]
         with self._warnings() as warned:
-            done = self._advance(hand, noise, trace, first, ticks)
+            done = self._advance(hands, noise, trace, ticks)
         if done < ticks:
-            failure = self._outer_loop.failure or DivergedError((first + done) * TICK_S, self._lost(warned))
-        signals = tables(trace, first, done)
-        if (lost := _first_lost(signals, first)) is not None:
+            self.failure = self._outer_loop.failure or DivergedError(self.clock.time(first + done), self._lost(warned))
+        signals = tables(trace, [axis.topics for axis in self.axes], first, done)
+        if (lost := self._first_lost(signals, first)) is not None:
             at, signal = lost
             done = at - first
-            failure = DivergedError(at * TICK_S, f"recorded signal {signal} is not finite")
-            signals = tables(trace, first, done)
-        events += self._limits.read(first, first + done, signals["/limits"], self._state.limits)
-        if powered and not self._state.power:
-            self.trips.append(trip(int(self._state.trip_tick), int(self._state.plc.trip), self._invalid()))
-            events.append(self.trips[-1].event)
-        last = max(first + done - 1, first)
-        events += [Event(last, "warning", "simulation", message) for message in warned]
-        if failure is not None:
-            events.append(Event(last, "error", "simulation", str(failure) or "interrupted"))
+            self.failure = DivergedError(self.clock.time(at), f"recorded signal {signal} is not finite")
+            signals = tables(trace, [axis.topics for axis in self.axes], first, done)
+        events = self._log(first, done, signals, powered, warned)
         self._tick = first + done
-        if failure is not None or self._tick >= self._end:
-            events += self._limits.finish(last)
-        if done or failure is not None:
-            rows = -(-(first + done) // POSE_TICKS) - -(-first // POSE_TICKS)
-            yield Block(first, done, signals, trace.poses[:rows], tuple(events))
-        if failure is not None:
-            raise failure
+        if self.failure is not None or last:
+            events += [event for axis in self.axes for event in axis.limits.finish(max(self._tick - 1, first))]
+        rows = -(-self._tick // self.clock.pose_ticks) - -(-first // self.clock.pose_ticks)
+        return Block(first, done, signals, trace.poses[:rows], tuple(events), self.clock, self.topics)
 
-    def _advance(self, hand: Any, noise: Any, trace: Any, first: int, ticks: int) -> int:
+    @property
+    def _chances(self) -> tuple[bool, bool]:
+        """Whether spikes, and losses of frames, are to be drawn."""
+        spikes = any(axis.record.truth.parameters.load_cell.spike_rate > 0.0 for axis in self.axes)
+        losses = any(axis.record.controller.parameters.plc.frame_loss > 0.0 for axis in self.axes)
+        return spikes, losses
+
+    def _room(self, first: int, ticks: int) -> Any:
+        """Trace buffers for the block, cut from room that is made for the longest one."""
+        room = self._buffers
+        if room is None or first + ticks > room.first_tick + room.ticks:
+            room = Buffers(self.clock, len(self.axes), len(self.body_names), first, max(self.block_ticks, ticks))
+            self._buffers = room
+        return room.part(first, ticks)
+
+    def _advance(self, hand: Any, noise: Any, trace: Any, ticks: int) -> int:
         return tick.advance(
-            self.plant, self._record, self._constants, self._state, self._watched, hand, noise, trace, first, ticks,
-            self.controller is not None, self._outer_loop.ask,
+            self.plant, self._memory, self._watched, hand, noise, trace, self._bodies, self._cycles, self._warned,
+            self._tick, ticks, self._outer_loop.ask,
         )  # fmt: skip
+
+    def _log(
+        self, first: int, done: int, signals: Mapping[str, NDArray[np.float64]], powered: Sequence[int],
+        warned: Sequence[str],
+    ) -> list[Event]:  # fmt: skip
+        events, self._events = self._events, []
+        for axis, was_on in zip(self.axes, powered, strict=True):
+            record = axis.record
+            limits = signals["/" + plant_model.prefixed(axis.name, "limits")]
+            events += axis.limits.read(first, first + done, limits, record.limits)
+            control = record.controller.state
+            if was_on and not control.power:
+                axis.trips.append(
+                    trip(self.clock, axis.name, int(control.trip_tick), int(control.plc.trip), self._invalid(control))
+                )
+                events.append(axis.trips[-1].event)
+        at = max(first + done - 1, first)
+        events += [Event(at, "warning", "simulation", message) for message in warned]
+        if self.failure is not None:
+            events.append(Event(at, "error", "simulation", str(self.failure) or "interrupted"))
+        return events
+
+    @staticmethod
+    def _invalid(control: Any) -> str:
+        """The number that the controller's self-check found last."""
+        names = (*NUMBERS[0].names, *NUMBERS[1].names)
+        return names[int(control.invalid)]
 
     @contextmanager
     def _warnings(self) -> Iterator[list[str]]:
@@ -280,7 +384,7 @@ class Bench:
 
         def log(message: str) -> None:
             warned.append(" ".join(message.split()))
-            self._state.warned = 1
+            self._warned[0] = 1
 
         mujoco.set_mju_user_warning(_hear)
         _listening.log = log
@@ -289,20 +393,92 @@ class Bench:
         finally:
             _listening.log = None
 
-    def _lost(self, warned: list[str]) -> str:
+    def _lost(self, warned: Sequence[str]) -> str:
         """What a run that left all bounds was lost by."""
         joint = tick.first_unbounded(self.plant)
         if joint >= 0:
-            return f"velocity of joint {state.JOINTS[joint]} is not finite or out of all bounds"
+            return f"velocity of joint {self.model.joint(joint).name} is not finite or out of all bounds"
         return f"MuJoCo warned: {warned[0]}"
 
-    def _invalid(self) -> str:
-        """The number that the controller's self-check found last."""
-        of_state = validity.names(tick.STATE)
-        found = int(self._state.invalid)
-        if found < len(of_state):
-            return of_state[found][0]
-        return validity.names(memory_of(self.parameters).dtype)[found - len(of_state)][0]
+    def _first_lost(self, signals: Mapping[str, NDArray[np.float64]], first: int) -> tuple[int, str] | None:
+        """Tick and name of the first recorded sample that is not a finite number; None if all are."""
+        found: list[tuple[int, str]] = []
+        for topic in self.topics:
+            table = signals[topic.path]
+            if not np.isfinite(table).all():
+                row, column = np.argwhere(~np.isfinite(table))[0].tolist()
+                found.append(((-(-first // topic.ticks) + row) * topic.ticks, f"{topic.path}.{topic.names[column]}"))
+        return min(found, default=None)
+
+
+def _check_together(built: Mapping[str, Parameters]) -> None:
+    """Raise InputError unless the axes can be stepped in one model."""
+    if not built:
+        raise InputError("a bench has at least one axis")
+    first_name, first = next(iter(built.items()))
+    for name, p in built.items():
+        if not name and len(built) > 1:
+            raise InputError("of several axes each has a name")
+        for section in ("rates", "simulation"):
+            if getattr(p, section) != getattr(first, section):
+                raise InputError(
+                    f"axis {name!r}: parameters.{section} differs from that of {first_name!r}; one clock runs all"
+                )
+
+
+def _bodies(built: Mapping[str, Parameters]) -> tuple[tick.Bodies, tuple[str, ...]]:
+    """How the drawn bodies lie and what turns them, and their names, world first."""
+    found = [("world", 0, -1, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))]
+    across = mjcf.places(built)
+    for a, (axis, p) in enumerate(built.items()):
+        shafts = {name: f"shaft{k}" for k, name in enumerate(plant_model.shaft_names(p.gearbox.stages))}
+        shafts.setdefault("motor", "shaft0")
+        for body in mjcf.rest(p, axis, across[axis]):
+            place = mechanism.ANGLES.index("rod_end" if body.name.endswith("rod_end") else
+                                           shafts.get(body.turned_by, body.turned_by))
+            found.append((body.name, a, place, body.position, body.quaternion))
+    names, axes, angles, places, turns = zip(*found, strict=True)
+    return tick.Bodies(np.array(axes), np.array(angles), np.array(places), np.array(turns)), names
+
+
+class _Streams:
+    """Random numbers of every sensor of every axis, each from a stream of its own.
+
+    A stream follows from the seed and its own name, so another sensor, or another axis, changes none of the others.
+    """
+
+    def __init__(self, axes: Sequence[str], seed: int):
+        def stream(axis: str, source: str) -> np.random.Generator:
+            name = zlib.crc32(plant_model.prefixed(axis, source).encode())
+            return np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, name])))
+
+        self._normal = [[stream(axis, source) for axis in axes] for source in sensors.NORMAL]
+        self._uniform = [[stream(axis, source) for axis in axes] for source in sensors.UNIFORM]
+        self._pool = [np.zeros((0, len(axes))) for _ in sensors.NORMAL]
+        self._at = 0
+        self._none = np.zeros((0, len(axes)))
+
+    def draw(self, ticks: int, chances: tuple[bool, bool]) -> sensors.Noise:
+        """The random numbers of the next ``ticks`` ticks; spikes and lost frames where ``chances`` has them."""
+        if self._at + ticks > len(self._pool[0]):
+            new = max(_POOL, ticks)
+            self._pool = [
+                np.concatenate((left[self._at :], np.stack([s.standard_normal(new) for s in streams], axis=1)))
+                for left, streams in zip(self._pool, self._normal, strict=True)
+            ]
+            self._at = 0
+        normal = [pool[self._at : self._at + ticks] for pool in self._pool]
+        self._at += ticks
+        drawn = (chances[0], chances[1], chances[1])
+        uniform = [
+            np.stack([s.random(ticks) for s in streams], axis=1) if wanted else self._none
+            for wanted, streams in zip(drawn, self._uniform, strict=True)
+        ]
+        return sensors.Noise(*normal, *uniform)
+
+
+_POOL = 4000
+"""Ticks for which noise is drawn at once."""
 
 
 _listening = threading.local()
@@ -317,36 +493,41 @@ def _hear(message: str) -> None:
 
 
 class _Asking:
-    """Asks a user's outer loop from within the compiled loop."""
+    """Asks users' outer loops from within the compiled loop."""
 
     alive: ClassVar["weakref.WeakSet[_Asking]"] = weakref.WeakSet()
     """All there are, for whoever watches that the user's code comes back."""
 
-    def __init__(self, controller: OuterLoop | None, memory: Any):
+    def __init__(self, controllers: Mapping[str, OuterLoop], memory: Any, axes: Sequence[str], tick_s: float):
         self.failure: BaseException | None = None
         """why the loop was stopped"""
         self.asked = self.answered = -1
         """tick of the last question and of the last answer"""
         self.ask = Callback(self._ask)
-        self._controller = controller
+        self._tick_s = tick_s
         # Plain arrays: the fields of a record would take longer to reach than all the rest.
-        self._plc = memory["plc"][0:1].view(np.float64)
-        self._model = memory["feel"][0:1].view(np.float64)
-        if controller is not None:
+        states = [memory[a : a + 1]["controller"]["state"] for a in range(len(axes))]
+        self._loops = [
+            (controllers.get(name), state["plc"].view(np.float64), state["feel"].view(np.float64))
+            for name, state in zip(axes, states, strict=True)
+        ]
+        if controllers:
             self.alive.add(self)
 
-    def _ask(self, at: int) -> int:
-        force, torque, angle, velocity = self._plc[:4].tolist()
+    def _ask(self, number: int) -> int:
+        at, axis = divmod(number, len(self._loops))
+        controller, asked, model = self._loops[axis]
+        force, torque, angle, velocity = asked[:4].tolist()
         self.asked = at
         try:
-            command = _answer(self._controller, Inputs(at * TICK_S, torque, force, angle, velocity))
+            command = _answer(controller, Inputs(at * self._tick_s, torque, force, angle, velocity))
         except BaseException as error:  # none may pass through the compiled loop, not even Ctrl-C
             self.failure = error
             return 1
         finally:
             self.answered = at
-        self._plc[4:8] = command
-        self._model[[0, 1, 3]] = command.angle, command.velocity, torque
+        asked[4:8] = command
+        model[[0, 1, 3]] = command.angle, command.velocity, torque
         return 0
 
 
@@ -387,22 +568,6 @@ def _command(answer: Any) -> Command | None:
 
 
 _FLOATS = {float}
-
-
-def _cycle_start(change: Change) -> int:
-    """Changes take effect with the next PLC cycle, at most 400 µs after their time."""
-    return -(-tick_of(change.at) // PLC_TICKS) * PLC_TICKS
-
-
-def _first_lost(signals: Mapping[str, NDArray[np.float64]], first: int) -> tuple[int, str] | None:
-    """Tick and name of the first recorded sample that is not a finite number; None if all are."""
-    found: list[tuple[int, str]] = []
-    for path, table in signals.items():
-        if not np.isfinite(table).all():
-            row, column = np.argwhere(~np.isfinite(table))[0].tolist()
-            topic = TOPIC[path]
-            found.append(((-(-first // topic.ticks) + row) * topic.ticks, f"{path}.{topic.names[column]}"))
-    return min(found, default=None)
 
 
 def versions() -> dict[str, str]:

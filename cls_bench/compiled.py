@@ -3,8 +3,8 @@
 With ``NUMBA_DISABLE_JIT=1`` the same functions run as plain Python; a test holds both together.
 
 Machine code is kept on disk, in a folder whose name is a hash of all it depends on: the source files that end up in
-machine code, the versions of what compiles them, and numba's settings. So a changed law is never run from a stale
-cache, and a change elsewhere compiles nothing. Numba's own cache knows only the file a function stands in, not the
+machine code (their syntax trees: a changed comment changes nothing), the versions of what compiles them, and numba's
+settings. So a changed law is never run from a stale cache, and a change elsewhere compiles nothing. Numba's own cache knows only the file a function stands in, not the
 files it calls, and goes elsewhere where it cannot write; so it is not used. Where nothing can be kept, all is compiled
 anew in each process.
 
@@ -13,6 +13,7 @@ Python loaded is held against the source it should come from: Python takes a fil
 unchanged.
 """
 
+import ast
 import ctypes
 import hashlib
 import importlib.util
@@ -33,6 +34,7 @@ from typing import Any, NamedTuple, TypeVar, cast
 import llvmlite.binding
 import mujoco
 import numba
+import numpy as np
 import platformdirs
 from numba import types
 from numba.core import caching, compiler
@@ -44,8 +46,11 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 _PACKAGE = Path(__file__).parent
 
-SOURCES = ("control/*.py", "plant/*.py", "compiled.py", "kinematics.py", "parameters.py", "signals.py", "tick.py")
-"""Files whose functions or constants end up in machine code; a test compares them with what ``tick`` imports."""
+SOURCES = ("control/*.py", "plant/*.py", "compiled.py", "kinematics.py", "parameters/quantity.py", "tick.py")
+"""Files whose functions or constants end up in machine code; a test compares them with what compiled functions use.
+
+How a record is laid out (parameters, signals) is part of a function's signature, and so of each entry's name.
+"""
 
 
 def _source_files() -> list[Path]:
@@ -53,11 +58,14 @@ def _source_files() -> list[Path]:
 
 
 def source_hash() -> str:
-    """Hash of the files that end up in machine code: two installations with the same one run the same loop."""
+    """Hash of what the files mean that end up in machine code: two installations with the same one run the same loop.
+
+    Comments, docstrings and layout do not count.
+    """
     digest = hashlib.sha256()
     for path in _source_files():
         digest.update(path.relative_to(_PACKAGE).as_posix().encode())
-        digest.update(path.read_bytes())
+        digest.update(_source(str(path)).meaning.encode())
     return digest.hexdigest()[:16]
 
 
@@ -67,14 +75,25 @@ def source_hash() -> str:
 class _Source(NamedTuple):
     """A source file as it was when it was first asked about."""
 
-    digest: str
+    meaning: str
+    """hash of its syntax tree, without docstrings"""
     code: CodeType
 
 
 @cache
 def _source(path: str) -> _Source:
     content = Path(path).read_bytes()
-    return _Source(hashlib.sha256(content).hexdigest(), compile(content, path, "exec", dont_inherit=True))
+    tree = ast.parse(content)
+    for node in ast.walk(tree):
+        if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef)):
+            node.body = [entry for entry in node.body if not _is_text(entry)]
+    meaning = hashlib.sha256(ast.dump(tree).encode()).hexdigest()
+    return _Source(meaning, compile(content, path, "exec", dont_inherit=True))
+
+
+def _is_text(node: ast.stmt) -> bool:
+    """Whether it is a text that stands alone: a docstring, of whatever it follows."""
+    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
 
 
 def _refuse_stale_byte_code() -> None:
@@ -152,7 +171,7 @@ class _Cache(caching.NullCache):
 
     def __init__(self, function: Callable[..., Any], path: str):
         self._name = f"{Path(path).stem}.{function.__qualname__}".replace("<", "").replace(">", "")
-        self._function = path, _source(path).digest, function.__qualname__, function.__code__.co_firstlineno
+        self._function = path, _source(path).meaning, function.__qualname__
 
     @property
     def cache_path(self) -> str:
@@ -241,6 +260,11 @@ class Callback(types.WrapperAddressProtocol):
     def __call__(self, number: int) -> int:
         """Call it from Python."""
         return self._function(number)
+
+
+def records(array: Any) -> Any:
+    """An array of records as compiled code takes it; without JIT its fields are attributes all the same."""
+    return array if JIT else array.view(np.recarray)
 
 
 def _load_mujoco() -> None:

@@ -25,7 +25,8 @@ from cls_bench.parameters import Parameters
 from cls_bench.recording import Recorder, Recording, RunInfo
 from cls_bench.recording.recorder import COMPLETE
 from cls_bench.run_log import Trip
-from cls_bench.scenario import Check, ExpectedTrip, Scenario, load_scenario, tick_of
+from cls_bench.drivers import scripted
+from cls_bench.scenario import Check, ExpectedTrip, Scenario, load_scenario
 from cls_bench.signals import Event
 from cls_bench.text import utf8
 
@@ -208,8 +209,8 @@ def run(
     if not is_cached():
         progress.compiling()
     bench.compile()
-    topics = scenario.record.topics()
-    memory = None if holds_all(topics) else Memory(scenario.checks)
+    topics = scenario.record.topics(bench.topics)
+    memory = None if holds_all(topics, bench.topics, bench.clock) else Memory(scenario.checks, bench.clock, bench.topics)
     failure: BenchError | None = None
     events: list[Event] = []
     simulated, recorder = 0.0, None
@@ -225,7 +226,7 @@ def run(
             progress.recording(recorder.mcap_path)
             start = time.perf_counter()
             try:
-                for block in bench.run(scenario):
+                for block in scripted.run(bench, scenario):
                     recorder.write(block)
                     events += (event for event in block.events if event.level != "info")
                     if memory is not None:
@@ -291,7 +292,12 @@ def ending(scenario: Scenario, trips: Sequence[Trip], failure: BenchError | None
 
 
 def _is_expected(trip: Trip, entry: ExpectedTrip) -> bool:
-    return entry.reason in ("any", trip.reason) and tick_of(entry.window[0]) <= trip.tick <= tick_of(entry.window[1])
+    start, end = entry.window
+    return entry.reason in ("any", trip.reason) and start - _HALF <= trip.time <= end + _HALF
+
+
+_HALF = 25e-6
+"""Half a tick [s]: times of a file are rounded to ticks."""
 
 
 FEEL_MODEL = "feel model"
@@ -372,6 +378,7 @@ def run_info(scenario: Scenario, bench: Bench, controller: Mapping[str, bytes | 
         wall_start=dt.datetime.now(dt.UTC).isoformat(timespec="milliseconds"),
         body_names=bench.body_names,
         geoms=bench.geoms,
+        clock=bench.clock,
     )  # fmt: skip
 
 

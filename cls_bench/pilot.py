@@ -6,12 +6,12 @@ the start of the run: the samples do not depend on how the run is cut into block
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cls_bench.hand import HandSamples
 from cls_bench.scenario import Chirp, Hold, Ramp, Release, Samples, Scenario, Segment, Sine, Step
 from cls_bench.signals import Clock
 
@@ -19,24 +19,6 @@ Array = NDArray[np.float64]
 
 Profile = Callable[[Array], tuple[Array, Array]]
 """Value and time derivative over the time since a segment's start [s]."""
-
-
-@dataclass(frozen=True)
-class HandSamples:
-    """What the hand does in a run of consecutive ticks: one entry a tick."""
-
-    angle: Array
-    """column angle at which the arm wants the forearm's mass [rad]"""
-    velocity: Array
-    """its time derivative [rad/s]; 0 across a step"""
-    force: Array
-    """force on the forearm's mass at the grip [N], positive forward"""
-    motion: NDArray[np.bool_]
-    """whether the arm follows :attr:`angle`; otherwise only :attr:`force` acts"""
-    attached: NDArray[np.bool_]
-    """whether the hand grips"""
-    squeeze: Array
-    """how tightly it grips: 0 loose, 1 tight"""
 
 
 def constant(value: float) -> Profile:

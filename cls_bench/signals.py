@@ -140,7 +140,7 @@ def topics(clock: Clock = CLOCK, stages: int = 2, axis: str = "") -> tuple[Topic
     """
     if not 0 <= stages <= MOST_STAGES:
         raise ValueError(f"a gearbox has 0 to {MOST_STAGES} stages, not {stages}")
-    if axis and not _AXIS.fullmatch(axis):
+    if axis and not is_axis(axis):
         raise ValueError(f'"{axis}" is no name of an axis: up to 20 of a–z, 0–9 and _, a letter first')
 
     def topic(path: str, ticks: int, meaning: str, *signals: tuple[str, str, str]) -> Topic:
@@ -205,6 +205,11 @@ def topics(clock: Clock = CLOCK, stages: int = 2, axis: str = "") -> tuple[Topic
     )  # fmt: skip
 
 
+def is_axis(name: str) -> bool:
+    """Whether an axis may have that name."""
+    return _AXIS.fullmatch(name) is not None
+
+
 def axis_of(path: str) -> str:
     """Name of the axis of a topic or signal: ``pitch`` of ``/pitch/column``, empty if there is but one."""
     return path.rpartition("/")[0].removeprefix("/")
@@ -241,6 +246,14 @@ class Event:
     def time(self) -> float:
         """Time since the start of the run [s]."""
         return self.tick * self.tick_ns / 1e9
+
+
+class Column(NamedTuple):
+    """Samples of one signal, as far as they are there."""
+
+    ticks: NDArray[np.int64]
+    """at which there is one"""
+    values: NDArray[np.float64]
 
 
 @dataclass(frozen=True)

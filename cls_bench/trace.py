@@ -1,36 +1,65 @@
-"""Where the tick writes what is recorded: a row of named signals for each topic.
+"""Where the tick writes what is recorded: a row of named signals for each topic and axis.
 
-The fields are those of :data:`cls_bench.signals.TOPICS`. A row is written by signal name, so its column has no number
-to mistake; what is not written stays NaN, and a NaN in a recording ends the run.
+The fields are those of :func:`cls_bench.signals.topics`. A row is written by signal name, so its column has no number
+to mistake; what is not written stays NaN, and a NaN in a recording ends the run. The buffers have room for all stages
+that a gearbox can have, so that one machine code serves all; what a rig does not have is not handed on.
 """
 
 from collections import namedtuple
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cls_bench.signals import POSE_TICKS, TOPICS
+from cls_bench.compiled import records
+from cls_bench.signals import CLOCK, MOST_STAGES, Clock, Topic, topics
 
-_FIELDS = [*(topic.path.strip("/") for topic in TOPICS), "poses"]
+_TOPICS = topics(CLOCK, MOST_STAGES)
+_NAMES = [topic.path.strip("/") for topic in _TOPICS]
+_ROWS = [np.dtype([(name, np.float64) for name in topic.names]) for topic in _TOPICS]
+
 _make: Callable[..., Any] = namedtuple  # its fields follow from the table: more than a type checker can know
-Trace = _make("Trace", _FIELDS)
-"""Buffers of one block: an array of records for each topic, named like it, and the bodies' poses."""
-
-_ROWS = {topic.path: np.dtype([(name, np.float64) for name in topic.names]) for topic in TOPICS}
+Trace = _make("Trace", [*_NAMES, "poses"])
+"""Buffers: for each topic an array of records (rows, axes), named like it, and the bodies' poses (rows, bodies, 7)."""
 
 
-def buffers(first_tick: int, ticks: int, bodies: int) -> Any:
-    """A :class:`Trace` with room for ``ticks`` ticks from ``first_tick`` on, nothing in it written yet."""
-    rows = [np.full(t.rows(first_tick, ticks), np.nan, _ROWS[t.path]).view(np.recarray) for t in TOPICS]
-    poses = -(-(first_tick + ticks) // POSE_TICKS) - -(-first_tick // POSE_TICKS)
-    return Trace(*rows, np.full((poses, bodies, 7), np.nan))
+def _rows(every: int, first_tick: int, ticks: int) -> int:
+    return -(-(first_tick + ticks) // every) - -(-first_tick // every)
 
 
-def tables(trace: Any, first_tick: int, ticks: int) -> Mapping[str, NDArray[np.float64]]:
-    """The first ``ticks`` ticks of each topic as a table of its signals in column order, without a copy."""
-    return {
-        t.path: rows.view(np.float64, np.ndarray).reshape(-1, len(t.signals))[: t.rows(first_tick, ticks)]
-        for t, rows in zip(TOPICS, trace, strict=False)
-    }
+class Buffers:
+    """Room for ``ticks`` ticks from ``first_tick`` on, of ``axes`` and ``bodies``; nothing in it written yet."""
+
+    def __init__(self, clock: Clock, axes: int, bodies: int, first_tick: int, ticks: int):
+        self.first_tick, self.ticks = first_tick, ticks
+        self._every = [topic.ticks for topic in topics(clock, MOST_STAGES)]
+        self._pose = clock.pose_ticks
+        self._topics = [
+            records(np.full((_rows(every, first_tick, ticks), axes), np.nan, kind))
+            for every, kind in zip(self._every, _ROWS, strict=True)
+        ]
+        self._poses = np.full((_rows(self._pose, first_tick, ticks), bodies, 7), np.nan)
+
+    def part(self, first: int, ticks: int) -> Any:
+        """The :class:`Trace` of some of the ticks, without a copy."""
+
+        def rows(array: Any, every: int) -> Any:
+            start = _rows(every, self.first_tick, first - self.first_tick)
+            return array[start : start + _rows(every, first, ticks)]
+
+        parts = [rows(array, every) for array, every in zip(self._topics, self._every, strict=True)]
+        return Trace(*parts, rows(self._poses, self._pose))
+
+
+def tables(
+    trace: Any, axes: Sequence[Sequence[Topic]], first_tick: int, ticks: int
+) -> Mapping[str, NDArray[np.float64]]:
+    """The first ``ticks`` ticks of the topics of each axis as tables of their signals in column order, without copies."""
+    found = {}
+    for a, axis in enumerate(axes):
+        for topic in axis:
+            rows = trace[_NAMES.index(topic.path.rpartition("/")[2])]
+            table = rows.view(np.float64, np.ndarray).reshape(len(rows), -1, len(rows.dtype.names))
+            found[topic.path] = table[: topic.rows(first_tick, ticks), a, : len(topic.signals)]
+    return found

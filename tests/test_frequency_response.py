@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from cls_bench.analysis.frequency import FrequencyResponse, compare
-from cls_bench.analysis.linear import Hand
-from cls_bench.analysis.variation import Setup, changed, ideal
+from cls_bench.linear.hand import Hand
+from cls_bench.linear.variation import Setup, changed, ideal
 from cls_bench.bench import Bench
 from cls_bench.errors import BenchError, InputError
 from cls_bench.parameters import Parameters

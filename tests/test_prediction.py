@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 
 from cls_bench.analysis.growth import modes
-from cls_bench.analysis.linear import Compensation, Hand, LinearBench, forward_inertia, limb_mass_for, plant
-from cls_bench.analysis.prediction import critical, growth_rate, inner_loop, loop_gain, predict, rule
-from cls_bench.analysis.variation import Setup, changed, ideal, variation
+from cls_bench.linear.bench import LinearBench
+from cls_bench.linear.cycle import Compensation
+from cls_bench.linear.hand import Hand, forward_inertia, limb_mass_for
+from cls_bench.linear.plant import plant
+from cls_bench.linear.prediction import critical, growth_rate, inner_loop, loop_gain, predict, rule
+from cls_bench.linear.variation import Setup, changed, ideal, variation
 from cls_bench.errors import InputError
 from cls_bench.parameters import Parameters
 from cls_bench.stability import trial

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cls_bench.analysis import free_response
-from cls_bench.analysis.window import Window, split_signal, unit_of
+from cls_bench.analysis.window import Window, on_axis, split_signal, unit_of
 from cls_bench.errors import InputError
 from cls_bench.parameters import DEG
 from cls_bench.scenario import Check
 from cls_bench.input.faults import nearest, shown
-from cls_bench.signals import PLC_S, TOPIC
+from cls_bench.signals import topics
 from cls_bench.text import escaped
 
 Array = NDArray[np.float64]
@@ -113,16 +113,22 @@ def unit(check: Check) -> str:
     return METRICS[check.metric].unit or unit_of(check.signal or "")
 
 
+def axis_of(check: Check) -> str:
+    """Name of the axis that the check is about; empty if there is but one."""
+    return str(getattr(check, "axis", ""))  # of scenarios with several axes
+
+
 def signals_of(check: Check) -> frozenset[str]:
-    """All signals that the check may read: those of its metric, and the one that it names."""
-    return frozenset(METRICS[check.metric].signals) | ({check.signal} if check.signal else set())
+    """All signals that the check may read: those of its metric, and the one that it names, on the check's axis."""
+    signals = {*METRICS[check.metric].signals, *([check.signal] if check.signal else [])}
+    return frozenset(on_axis(signal, axis_of(check)) for signal in signals)
 
 
 def evaluate(check: Check, window: Window) -> Measured:
     """Value of the check's metric, or why it has none: the run ended before, samples are lost or not finite, …"""
     metric = METRICS[check.metric]
     if window.rows < MIN_SAMPLES:
-        needed = f"{MIN_SAMPLES} are needed ({MIN_SAMPLES * PLC_S:g} s)"
+        needed = f"{MIN_SAMPLES} are needed ({MIN_SAMPLES * window.period:g} s)"
         return Measured(math.nan, f"the window holds {window.rows} samples; {needed}")
     arguments = {name: check.arguments.get(name, argument.default) for name, argument in metric.arguments.items()}
     sound = _Sound(window)
@@ -150,12 +156,21 @@ class _Sound(Window):
 
 
 MIN_SAMPLES = 64
-"""Fewest samples a window must hold (26 ms)."""
+"""Fewest samples a window must hold (26 ms at 2.5 kHz)."""
+
+
+def _rows(window: Window, time: float) -> int:
+    """Samples in ``time`` [s], one at least."""
+    return max(round(time * window.rate), 1)
 
 
 def _periods(window: Window, frequency: float, periods: float) -> None:
-    """Unmeasured unless the window holds some periods of ``frequency`` [Hz]: a filter or fit needs them."""
-    length = len(window.time) * PLC_S
+    """Unmeasured unless the window holds some periods of ``frequency`` [Hz], which its samples can tell: a filter or
+    fit needs them.
+    """
+    if frequency >= 0.5 * window.rate:
+        raise Unmeasured(f"{frequency:g} Hz cannot be told from {window.rate:g} samples a second")
+    length = window.rows * window.period
     if length * frequency < periods:
         raise Unmeasured(f"a window of {length:g} s holds fewer than {periods:g} periods of {frequency:g} Hz")
 
@@ -169,12 +184,12 @@ def _leading(window: Window) -> None:
     if window.idle:
         raise Unmeasured(f"the column does not follow the feel model: {window.idle}")
     still = (window["/drive.voltage"] == 0.0) & (window["/drive.current"] == 0.0)
-    if not np.all(still) and (first := _first_run(still, OFF_ROWS)) is not None:
+    if not np.all(still) and (first := _first_run(still, _rows(window, OFF_S))) is not None:
         raise Unmeasured(f"the column does not follow the feel model: the drive is off from {window.time[first]:.3f} s")
 
 
-OFF_ROWS = 50
-"""Rows without voltage and current (20 ms) that tell a drive that is switched off."""
+OFF_S = 0.02
+"""Time without voltage and current that tells a drive that is switched off [s]."""
 
 
 def _first_run(mask: NDArray[np.bool_], length: int) -> int | None:
@@ -245,7 +260,7 @@ def breakout_torque(window: Window, threshold_deg: float, below_hz: float) -> fl
     """Largest torque at the load cell before the column moves, from the window's start."""
     angle = window["/column.angle"]
     _periods(window, below_hz, 2.0)
-    first = angle[: int(0.02 * window.rate)]
+    first = angle[: _rows(window, 0.02)]
     if abs(first[-1] - first[0]) > 0.02 * AT_REST:
         raise Unmeasured("the column moves already when the window starts")
     moved = np.flatnonzero(np.abs(angle - angle[0]) > threshold_deg * DEG)
@@ -267,7 +282,7 @@ def hysteresis(window: Window, at_deg: float) -> float:
     down = np.flatnonzero((angle[:-1] > 0) & (angle[1:] <= 0))
     if not len(up) or not len(down):
         raise Unmeasured(f"the column does not pass {at_deg:g} deg both ways")
-    around = int(0.01 * window.rate)  # the mean over 20 ms about a crossing
+    around = _rows(window, 0.01)  # the mean over 20 ms about a crossing
 
     def level(crossings: NDArray[np.intp]) -> float:
         return float(np.mean([np.mean(torque[max(k - around, 0) : k + around]) for k in crossings]))
@@ -300,7 +315,7 @@ def _passages(window: Window, at: float) -> list[_Passage]:
         first, last = int(outside[k]), int(outside[k + 1])
         way = float(side[last])
         if np.mean(velocity[first:last] * way > 0.0) > 0.8:  # it did not stop within
-            speed = (angle[last] - angle[first]) / ((last - first) * PLC_S)
+            speed = (angle[last] - angle[first]) / ((last - first) * window.period)
             found.append(_Passage(float(speed), float(np.mean(torque[first:last]))))
     return found
 
@@ -465,7 +480,7 @@ def oscillation_frequency_hz(window: Window, above_hz: float) -> float:
     if amplitude < LEAST_SHAKE_DEG:
         raise Unmeasured(f"the column does not oscillate above {above_hz:g} Hz: {amplitude:.2g} deg")
     spectrum = np.abs(np.fft.rfft((x - np.mean(x)) * np.hanning(len(x))))
-    frequencies = np.fft.rfftfreq(len(x), PLC_S)
+    frequencies = np.fft.rfftfreq(len(x), window.period)
     return float(frequencies[np.argmax(np.where(frequencies >= above_hz, spectrum, 0.0))])
 
 
@@ -485,9 +500,9 @@ def part60_tolerance_used(window: Window) -> float:
     _leading(window)
     if window.own_loop:
         raise Unmeasured("expected is the feel model's response, but a user's own outer loop ran")
-    grips = window["/pilot.squeeze"] >= 0.0
-    if np.any(grips[FEW_ROWS:]):
-        at = window.time[FEW_ROWS + int(np.argmax(grips[FEW_ROWS:]))]
+    grips, few = window["/pilot.squeeze"] >= 0.0, _rows(window, RELEASED_S)
+    if np.any(grips[few:]):
+        at = window.time[few + int(np.argmax(grips[few:]))]
         raise Unmeasured(f"the hand grips at {at:.3f} s; the window is to hold what follows a release")
     if abs(speed := window["/column.velocity"][0]) > 5.0 * AT_REST:
         raise Unmeasured(f"the column moves already when it is released, by {speed / DEG:.3g} deg/s")
@@ -499,8 +514,8 @@ def part60_tolerance_used(window: Window) -> float:
     return max(item.share for item in free_response.part60(times, angle, expected))
 
 
-FEW_ROWS = 5
-"""Rows (2 ms) after which a release at the window's start has happened."""
+RELEASED_S = 0.002
+"""Time after which a release at the window's start has happened [s]."""
 
 
 @_metric("deg", signals=("/column.angle",))
@@ -508,7 +523,7 @@ def rest_offset_deg(window: Window) -> float:
     """Distance of the column from the feel model's neutral at the window's end (mean of 0.1 s)."""
     if window.own_loop:
         raise Unmeasured("neutral is the feel model's, but a user's own outer loop ran")
-    last = window["/column.angle"][-int(0.1 * window.rate) :]
+    last = window["/column.angle"][-_rows(window, 0.1) :]
     if (moved := float(np.ptp(last))) > 0.1 * AT_REST:
         raise Unmeasured(f"the column does not rest at the window's end: it moves by {moved / DEG:.2g} deg in 0.1 s")
     return abs(float(np.mean(last)) - window.parameters.feel.neutral) / DEG
@@ -528,5 +543,6 @@ def _share(limit: str, meaning: str) -> None:
     _metric("1", signals=(signal,))(share)
 
 
-for _signal in TOPIC["/limits"].signals:
-    _share(_signal.name, _signal.meaning)
+for _topic in topics():
+    for _signal in _topic.signals if _topic.path == "/limits" else ():
+        _share(_signal.name, _signal.meaning)

@@ -1,7 +1,7 @@
 """A time window of a recording, as the metrics read it."""
 
 import copy
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from functools import cached_property
 from typing import Protocol
 
@@ -10,61 +10,51 @@ from numpy.typing import NDArray
 
 from cls_bench.errors import InputError
 from cls_bench.parameters import Parameters
-from cls_bench.signals import PLC_S, PLC_TICKS, TICK_S, TOPIC, TOPICS, Topic
+from cls_bench.signals import MOST_STAGES, Clock, Column, Topic, axes_of, axis_of, is_axis, topics
 
 Array = NDArray[np.float64]
 
 
-class Samples(Protocol):
-    """Signals of one topic over time."""
-
-    @property
-    def time(self) -> Array:
-        """Time since the start of the run [s]."""
-        ...
-
-    @property
-    def values(self) -> Mapping[str, Array]:
-        """Signal name -> samples."""
-        ...
-
-
 class Source(Protocol):
-    """Where samples come from: a recording. One that has fewer samples than usual says so in ``topics``, by path."""
+    """Where samples come from: a recording, or what was kept in memory."""
 
-    def read(
-        self,
-        topic: str,
-        signals: Sequence[str] | None = None,
-        start: float | None = None,
-        end: float | None = None,
-        every: int = 1,
-    ) -> Samples:
-        """Samples with start ≤ time < end [s]; ``every`` keeps one row of so many."""
+    @property
+    def clock(self) -> Clock:
+        """Rates of the run."""
+        ...
+
+    @property
+    def topics(self) -> Mapping[str, Topic]:
+        """The topics as they are there, by path: with the signals that were kept, and how often."""
+        ...
+
+    def samples_at(self, signal: str, ticks: range) -> Column:
+        """Samples of ``/topic.name`` at ``ticks``, multiples of their step; those that are lost are left out.
+
+        Raises InputError if there is no such signal.
+        """
         ...
 
 
 LARGEST = 1e12
 """Greatest magnitude of a sample [SI] that is measured; no signal of a bench comes near it."""
 
-MOST_ROWS = round(3600.0 / PLC_S) + 1
-"""Samples that a window may hold: as long as a run can last."""
+MOST_ROWS = 9_000_001
+"""Samples that a window may hold (72 MB a signal): at 2.5 kHz as long as a run can last, an hour."""
 
 
 class Window:
-    """Signals from ``start`` to ``end`` [s], all at the PLC's rate of 2.5 kHz, and the parameters at ``start``.
+    """Signals from ``start`` to ``end`` [s], all at the PLC's rate (thesis: 2.5 kHz), and the parameters at ``start``.
 
     At that rate ten minutes of a signal take 12 MB, and all that a hand can feel is in it. Samples that are not there,
     because the run ended before or they were lost, are NaN, and so are those beyond :data:`LARGEST`; :attr:`flaws` says
-    so of the signals that were looked at.
+    so of the signals that were looked at. Of several axes ``axis`` is the one that ``/column.angle`` belongs to; a
+    signal that names its axis, as ``/pitch/column.angle``, is looked up as it is.
     """
-
-    rate = 1.0 / PLC_S
-    """Sampling rate [Hz]."""
 
     def __init__(
         self, source: Source, start: float, end: float, parameters: Parameters, *,
-        idle: str = "", own_loop: bool = False,
+        idle: str = "", own_loop: bool = False, axis: str = "",
     ):  # fmt: skip
         self._source = source
         self.start, self.end = start, end
@@ -73,14 +63,30 @@ class Window:
         """why the column is not meant to follow the feel model, at least for a part; empty if it is"""
         self.own_loop = own_loop
         """whether a user's own outer loop ran instead of the feel model"""
+        self.axis = axis
+        """name of the axis; empty if there is but one"""
         self.flaws: list[str] = []
         """what is wrong with the signals that were looked at, a line each"""
-        self._first, last = (-(-round(time / TICK_S) // PLC_TICKS) for time in (start, end))
-        self.rows = max(last - self._first, 0)
+        self.clock = source.clock
+        """rates of the run"""
+        every = self.clock.plc_ticks
+        first, last = (-(-self.clock.tick_of(time) // every) * every for time in (start, end))
+        self._ticks = range(first, max(last, first), every)
+        self.rows = len(self._ticks)
         """number of samples of each signal"""
         if self.rows > MOST_ROWS:
-            raise InputError(f"{start:g} to {end:g} s is longer than a run can last")
+            raise InputError(f"{start:g} to {end:g} s are {self.rows} samples at {self.rate:g} Hz, {MOST_ROWS} at most")
         self._read: dict[str, tuple[Array, str]] = {}
+
+    @property
+    def period(self) -> float:
+        """Time between two samples [s]."""
+        return self.clock.time(self.clock.plc_ticks)
+
+    @property
+    def rate(self) -> float:
+        """Sampling rate [Hz]."""
+        return 1.0 / self.period
 
     def watched(self) -> "Window":
         """The same window, its :attr:`flaws` empty: those of the signals that are looked at from now on."""
@@ -103,7 +109,7 @@ class Window:
     @cached_property
     def time(self) -> Array:
         """Time since the start of the run, shape (rows,) [s]."""
-        return PLC_S * np.arange(self._first, self._first + self.rows, dtype=np.float64)
+        return np.asarray(np.array(self._ticks, np.int64) * self.clock.tick_ns / 1e9, np.float64)
 
     def is_complete(self, *signals: str) -> bool:
         """Whether all samples of ``signals`` are there and are numbers that a bench may have."""
@@ -114,16 +120,17 @@ class Window:
 
     def _look_up(self, signal: str) -> tuple[Array, str]:
         """The samples, and what is wrong with them."""
-        topic, name = split_signal(signal)
-        topics: Mapping[str, Topic] = getattr(self._source, "topics", TOPIC)
-        ticks = topics.get(topic, TOPIC[topic]).ticks
-        if PLC_TICKS % ticks:
-            raise InputError(f"{topic} was recorded at {1 / (ticks * TICK_S):g} Hz, not at {self.rate:g} Hz")
-        series = self._source.read(topic, [name], self.start, self.end, PLC_TICKS // ticks)
-        values = series.values[name]
+        topic, name = split_signal(on_axis(signal, self.axis))
+        here = self._source.topics
+        if topic not in here and not axis_of(topic) and (axes := [axis for axis in axes_of(here.values()) if axis]):
+            raise InputError(f"{topic} is there of {' and '.join(axes[:9])}: say which axis")
+        if topic in here and self.clock.plc_ticks % here[topic].ticks:
+            raise InputError(f"{topic} was recorded at {here[topic].rate:g} Hz, not at {self.rate:g} Hz")
+        found = self._source.samples_at(f"{topic}.{name}", self._ticks)
+        values = found.values
         there = np.ones(self.rows, np.bool_)
         if len(values) != self.rows:
-            rows = np.round(series.time / PLC_S).astype(np.int64) - self._first
+            rows = (found.ticks - self._ticks.start) // self._ticks.step
             whole, there = np.full(self.rows, np.nan), np.zeros(self.rows, np.bool_)
             whole[rows], there[rows] = values, True
             values = whole
@@ -138,32 +145,46 @@ class Window:
         if not there.any():
             return f"there are no samples from {self.start:g} to {self.end:g} s"
         if not there[first:].any():
-            return f"the samples end at {(self._first + first - 1) * PLC_S:.4f} s, the window at {self.end:g} s"
+            ended = self.clock.time(self._ticks.start + (first - 1) * self._ticks.step)
+            return f"the samples end at {ended:.4f} s, the window at {self.end:g} s"
         what = "missing" if not there[first] else "beyond all bounds" if np.isfinite(values[first]) else "not finite"
         lost = f"{np.count_nonzero(~sound)} of {self.rows} samples"
-        return f"{signal} is {what} at {(self._first + first) * PLC_S:.4f} s, {lost}"
+        return f"{signal} is {what} at {self.clock.time(self._ticks[first]):.4f} s, {lost}"
 
 
-def holds_all(topics: Sequence[Topic]) -> bool:
-    """Whether ``topics`` have every signal there is, at the rate of a :class:`Window` at least."""
-    found = {topic.path: topic for topic in topics}
+def holds_all(kept: Iterable[Topic], simulated: Iterable[Topic], clock: Clock) -> bool:
+    """Whether of what was ``simulated`` every signal was ``kept``, at the rate of a :class:`Window` at least."""
+    found = {topic.path: topic for topic in kept}
     return all(
-        topic.path in found and found[topic.path].names == topic.names and PLC_TICKS % found[topic.path].ticks == 0
-        for topic in TOPICS
-    )
+        topic.path in found and found[topic.path].names == topic.names
+        and clock.plc_ticks % found[topic.path].ticks == 0
+        for topic in simulated
+    )  # fmt: skip
+
+
+_ANY = {topic.path: topic for topic in topics(stages=MOST_STAGES)}
+"""The topics that an axis can have, by path."""
 
 
 def split_signal(signal: str) -> tuple[str, str]:
-    """Topic and name of ``/topic.name``; InputError that lists what is valid."""
-    topic, _, name = signal.rpartition(".")
-    if topic not in TOPIC:
-        raise InputError(f'"{signal}" names no topic; valid: {", ".join(f"{path}.…" for path in TOPIC)}')
-    if name not in TOPIC[topic].names:
-        raise InputError(f'{topic} has no signal "{name}"; valid: {", ".join(TOPIC[topic].names)}')
-    return topic, name
+    """Topic and name of ``/topic.name`` or ``/axis/topic.name``, of any rig; InputError that lists what is valid."""
+    path, _, name = signal.rpartition(".")
+    axis = axis_of(path)
+    topic = _ANY.get(path.removeprefix(f"/{axis}") if is_axis(axis) else path)
+    if topic is None:
+        raise InputError(f'"{signal}" names no topic; valid: {", ".join(f"{path}.…" for path in _ANY)}')
+    if name not in topic.names:
+        raise InputError(f'{path} has no signal "{name}"; valid: {", ".join(topic.names)}')
+    return path, name
+
+
+def on_axis(signal: str, axis: str) -> str:
+    """``/pitch/column.angle`` of ``/column.angle`` for the axis ``pitch``; a signal that names an axis as it is."""
+    return f"/{axis}{signal}" if axis and not axis_of(signal) else signal
 
 
 def unit_of(signal: str) -> str:
     """SI unit of ``/topic.name``."""
-    topic, name = split_signal(signal)
-    return next(s.unit for s in TOPIC[topic].signals if s.name == name)
+    path, name = split_signal(signal)
+    topic = _ANY[path.removeprefix(f"/{axis_of(path)}") if axis_of(path) else path]
+    return next(s.unit for s in topic.signals if s.name == name)

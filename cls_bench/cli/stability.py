@@ -18,7 +18,7 @@ from cls_bench.errors import ExitCode, InputError, Interrupted, OutputError
 
 if TYPE_CHECKING:
     from cls_bench.analysis.frequency import FrequencyResponse
-    from cls_bench.analysis.variation import Setup, Variation
+    from cls_bench.linear.variation import Setup, Variation
     from cls_bench.controllers import Place
     from cls_bench.stability.onset import Onset
     from cls_bench.stability.trial import Standard
@@ -56,9 +56,9 @@ def _trial_options(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _setup(overrides: tuple[str, ...], grip: str, ideal: bool) -> "Setup":
-    from cls_bench.analysis.linear import Hand
-    from cls_bench.analysis.variation import Setup
-    from cls_bench.analysis.variation import ideal as idealised
+    from cls_bench.linear.hand import Hand
+    from cls_bench.linear.variation import Setup
+    from cls_bench.linear.variation import ideal as idealised
     from cls_bench.scenario import parse_scenario
 
     p = parse_scenario('title = "setup"\nduration = 1.0', set=overrides).parameters_at_start()
@@ -219,9 +219,9 @@ def predict(overrides: tuple[str, ...], grip: str, ideal: bool, as_json: bool) -
     """Predict stability and margins from the linear model, with Eq. 3.16 beside it."""
     from threadpoolctl import threadpool_limits
 
-    from cls_bench.analysis.prediction import critical
-    from cls_bench.analysis.prediction import predict as predicted
-    from cls_bench.analysis.variation import variation
+    from cls_bench.linear.prediction import critical
+    from cls_bench.linear.prediction import predict as predicted
+    from cls_bench.linear.variation import variation
 
     setup = _setup(overrides, grip, ideal)
     with threadpool_limits(1):
@@ -267,7 +267,7 @@ def onset(
     ideal: bool, rate_deg: float | None, pulse: float | None, seed: int, controller: GivenController, as_json: bool,
 ) -> None:  # fmt: skip
     """Search where the running bench turns unstable."""
-    from cls_bench.analysis.variation import variation
+    from cls_bench.linear.variation import variation
 
     quantity = variation(vary, low, high)
     found = _find(
@@ -337,7 +337,7 @@ def stability_map(
     Ctrl-C keeps the points that are done, in points.jsonl; --resume continues from there.
     """
     began = time.time()
-    from cls_bench.analysis.variation import variation
+    from cls_bench.linear.variation import variation
     from cls_bench.claims import replaced
     from cls_bench.experiment import RECORDINGS
     from cls_bench.report.style import save
@@ -450,8 +450,8 @@ def check_onset(
     your own. The present I_fwd is that of limb and column as the parameters have them. Give at least one of --min-ratio
     and --min-margin.
     """
-    from cls_bench.analysis.linear import forward_inertia
-    from cls_bench.analysis.variation import variation
+    from cls_bench.linear.hand import forward_inertia
+    from cls_bench.linear.variation import variation
 
     if min_ratio is None and min_margin is None:
         raise InputError("check onset: give --min-ratio, --min-margin, or both")

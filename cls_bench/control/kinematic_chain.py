@@ -1,6 +1,5 @@
 """Kinematic chain of the PLC: control column → crank → motor → PLCopen units, and back (thesis table 3.5)."""
 
-import math
 from typing import Any
 
 from cls_bench.compiled import compiled
@@ -23,9 +22,3 @@ def column_from_motor(poly: Any, ratio: float, angle: float, velocity: float) ->
     """Column angle [rad] and velocity that the motor's imply, were gearbox and linkage rigid."""
     crank = angle / ratio
     return polynomial(poly.column, crank), polynomial(poly.inverse_ratio, crank) * velocity / ratio
-
-
-@compiled
-def units_per_radian(units_per_revolution: float) -> float:
-    """PLCopen units in a radian of the motor shaft."""
-    return units_per_revolution / (2.0 * math.pi)

@@ -7,7 +7,7 @@ import numpy as np
 
 from cls_bench.compiled import compiled
 from cls_bench.control import feel, latch
-from cls_bench.control.kinematic_chain import column_from_motor, motor_from_column, units_per_radian
+from cls_bench.control.kinematic_chain import column_from_motor, motor_from_column
 from cls_bench.kinematics import polynomial
 
 COMMAND_POSITION, COMMAND_VELOCITY, COMMAND_ACCELERATION, COMMAND_TORQUE = range(4)
@@ -33,6 +33,11 @@ STATE = np.dtype(
         ("set_velocity", np.float64),  # [rad/s]
         ("set_acceleration", np.float64),  # [rad/s²]
         ("set_torque", np.float64),  # additional torque at the column [N·m]
+        # what goes out with the next frame: PLCopen units, units/s, units/s², N·m at the motor
+        ("command_position", np.float64),
+        ("command_velocity", np.float64),
+        ("command_acceleration", np.float64),
+        ("command_torque", np.float64),
         # safety
         ("trip", np.int64),
     ]
@@ -40,25 +45,23 @@ STATE = np.dtype(
 
 
 @compiled
-def measure(
-    p: Any, bar: Any, poly: Any, unbalance: float, newtons_per_count: float,
-    samples: Any, bus: Any, cycle: int, state: Any,
-) -> None:  # fmt: skip
+def measure(p: Any, design: Any, samples: Any, bus: Any, cycle: int, state: Any) -> None:
     """From counts and the encoder, as it arrives over the bus, to pilot torque and column angle.
 
-    T_meas = r F cos(φ − φ_co) − T_stat(φ), T_stat = ``unbalance`` · φ
+    T_meas = r F cos(φ + α − φ_co) − T_stat(φ), T_stat = unbalance · φ, all as the nameplate has it
     """
-    ratio = p.gearbox.ratio * p.gearbox.ratio
-    per_radian = units_per_radian(p.plc.units_per_revolution)
+    plate, poly = p.nameplate, design.polynomials
     delay = p.plc.feedback_latency
-    motor = latch.read(bus, cycle, delay, FEEDBACK_POSITION) / per_radian
-    motor_velocity = latch.read(bus, cycle, delay, FEEDBACK_VELOCITY) / per_radian
-    state.angle, state.velocity = column_from_motor(poly, ratio, motor, motor_velocity)
-    state.force = samples.load_cell * newtons_per_count
-    inclination = polynomial(poly.rod, state.angle)
-    state.torque = bar.arm * state.force * math.cos(state.angle - inclination)
+    motor = latch.read(bus, cycle, delay, FEEDBACK_POSITION) / design.units_per_radian
+    motor_velocity = latch.read(bus, cycle, delay, FEEDBACK_VELOCITY) / design.units_per_radian
+    state.angle, state.velocity = column_from_motor(poly, plate.gear_ratio, motor, motor_velocity)
+    state.force = samples.load_cell * plate.load_cell_gain
+    lever = plate.arm
+    if design.shaft == 0:
+        lever *= math.cos(state.angle + plate.arm_angle - polynomial(poly.rod, state.angle))
+    state.torque = lever * state.force
     if p.plc.remove_unbalance:
-        state.torque -= unbalance * state.angle
+        state.torque -= plate.unbalance * state.angle
 
 
 @compiled
@@ -101,21 +104,29 @@ def admittance(p: Any, velocity_mode: bool, state: Any, model: Any, time: float,
 
 
 @compiled
-def command(p: Any, poly: Any, state: Any, bus: Any, cycle: int) -> None:
-    """Through the kinematic chain onto the bus, with the pilot's torque as feed-forward where it is switched on.
+def command(p: Any, design: Any, state: Any) -> None:
+    """Through the kinematic chain to what the field bus takes next, with the pilot's torque as feed-forward if wanted.
 
     The set angle ends at the stop blocks (software limit), inside the range of the polynomials.
     """
-    ratio = p.gearbox.ratio * p.gearbox.ratio
-    per_radian = units_per_radian(p.plc.units_per_revolution)
-    limited = min(max(state.set_angle, -p.column.stop_angle), p.column.stop_angle)
+    plate, poly = p.nameplate, design.polynomials
+    limited = min(max(state.set_angle, -plate.stop_angle), plate.stop_angle)
     angle, velocity, acceleration = motor_from_column(
-        poly, ratio, limited, state.set_velocity, state.set_acceleration
+        poly, plate.gear_ratio, limited, state.set_velocity, state.set_acceleration
     )
     torque = state.set_torque
     if p.drive.feed_forward_pilot:
         torque -= state.torque
-    latch.write(bus, cycle, COMMAND_POSITION, angle * per_radian)
-    latch.write(bus, cycle, COMMAND_VELOCITY, velocity * per_radian)
-    latch.write(bus, cycle, COMMAND_ACCELERATION, acceleration * per_radian)
-    latch.write(bus, cycle, COMMAND_TORQUE, torque / (ratio * polynomial(poly.ratio, state.angle)))
+    state.command_position = angle * design.units_per_radian
+    state.command_velocity = velocity * design.units_per_radian
+    state.command_acceleration = acceleration * design.units_per_radian
+    state.command_torque = torque / (plate.gear_ratio * polynomial(poly.ratio, state.angle))
+
+
+@compiled
+def send(state: Any, bus: Any, cycle: int) -> None:
+    """Put the newest command on the field bus."""
+    latch.write(bus, cycle, COMMAND_POSITION, state.command_position)
+    latch.write(bus, cycle, COMMAND_VELOCITY, state.command_velocity)
+    latch.write(bus, cycle, COMMAND_ACCELERATION, state.command_acceleration)
+    latch.write(bus, cycle, COMMAND_TORQUE, state.command_torque)

@@ -154,16 +154,16 @@ def current_limit(drive: Any, state: Any, current: float, time_constant: float, 
 
 @compiled
 def current_controller(
-    drive: Any, motor: Any, gains: Gains, state: Any, current: float, voltage_limit: float, tick: float
+    drive: Any, plate: Any, gains: Gains, state: Any, current: float, voltage_limit: float, tick: float
 ) -> None:
     """PI current controller with back-EMF decoupling and voltage limit; anti-windup by clamping. Every tick.
 
     voltage = k_p e + k_i ∫ e dt + K ω
     """
-    allowed = current_limit(drive, state, current, motor.thermal_time_constant, tick)
-    state.asked_current, state.allowed_current = state.torque_command / motor.torque_constant, allowed
+    allowed = current_limit(drive, state, current, plate.thermal_time_constant, tick)
+    state.asked_current, state.allowed_current = state.torque_command / plate.torque_constant, allowed
     error = _limited(state.asked_current, allowed) - current
-    emf = motor.torque_constant * state.velocity
+    emf = plate.torque_constant * state.velocity
     integral = state.current_integral + gains.current_integral * error * tick
     wanted = gains.current_proportional * error + integral + emf
     state.asked_voltage = wanted

@@ -1,7 +1,9 @@
-"""Gains of the cascade, designed from bandwidths, motor data and the known inertia; one set for every scenario."""
+"""Gains of the cascade, designed from bandwidths, nameplate and the known inertia; one set for every scenario."""
 
 import math
 from typing import Any, NamedTuple
+
+import numpy as np
 
 
 class Gains(NamedTuple):
@@ -16,8 +18,12 @@ class Gains(NamedTuple):
     speed_filter: float  # weight of a new speed sample [1]
 
 
-def design(drive: Any, motor: Any, velocity_cycle: float) -> Gains:
-    """Gains for the parameter records of drive and motor; ``velocity_cycle`` [s].
+GAINS = np.dtype([(name, np.float64) for name in Gains._fields])
+"""The same as a record."""
+
+
+def design(drive: Any, plate: Any, velocity_cycle: float) -> Gains:
+    """Gains for the parameters of drive and nameplate; ``velocity_cycle`` [s].
 
     * current: ω_c (L + R/s) cancels the winding's pole, the loop becomes ω_c/s;
     * velocity: with k_p = J ω_v the loop is ω_v/s above 1/T_n;
@@ -27,9 +33,9 @@ def design(drive: Any, motor: Any, velocity_cycle: float) -> Gains:
     velocity = 2.0 * math.pi * drive.velocity_bandwidth
     filter_time = drive.speed_filter_time
     return Gains(
-        current_proportional=current * motor.inductance,
-        current_integral=current * motor.resistance,
-        velocity_proportional=drive.load_inertia * velocity,
+        current_proportional=current * plate.inductance,
+        current_integral=current * plate.resistance,
+        velocity_proportional=plate.load_inertia * velocity,
         velocity_integral_time=drive.velocity_integral_time,
         position_proportional=2.0 * math.pi * drive.position_bandwidth,
         position_integral_time=drive.position_integral_time,

@@ -3,6 +3,7 @@
 A value that is not finite spreads: comparisons with it are false, so a safety function that compares does not see it.
 """
 
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,43 +12,48 @@ from numpy.typing import NDArray
 from cls_bench.compiled import compiled
 
 
-class Numbers(NamedTuple):
-    """The floating-point numbers of a record, in the record's own memory."""
+class Places(NamedTuple):
+    """Floating-point numbers of a record: their names, and where they are in it, in 8-byte words."""
 
-    values: NDArray[np.float64]  # all 8-byte fields of the record
-    places: NDArray[np.int64]  # of them, those that hold floating-point numbers
+    names: tuple[str, ...]
+    words: NDArray[np.int64]
 
 
-def names(kind: np.dtype[Any], prefix: str = "") -> list[tuple[str, int]]:
-    """Dotted name and place, in 8-byte words, of each floating-point number in a record of ``kind``."""
-    found: list[tuple[str, int]] = []
+def _numbers(kind: np.dtype[Any], prefix: str = "") -> Iterator[tuple[str, int]]:
     for name, (field, offset) in ((name, kind.fields[name][:2]) for name in kind.names or ()):  # type: ignore[index]
         word = offset // 8
         base, shape = field.subdtype or (field, ())
-        if base.names:
-            found += [(inner, word + place) for inner, place in names(base, f"{prefix}{name}.")]
-        elif base == np.float64:
-            found += [(prefix + name, word + k) for k in range(int(np.prod(shape, dtype=int)))]
-    return found
+        for k in range(int(np.prod(shape, dtype=int))):
+            if base.names:
+                for inner, place in _numbers(base, f"{prefix}{name}."):
+                    yield inner, word + k * base.itemsize // 8 + place
+            elif base == np.float64:
+                yield prefix + name, word + k
 
 
-def numbers(memory: NDArray[Any]) -> Numbers:
-    """The numbers of ``memory``, an array of one record."""
-    return Numbers(memory.view(np.float64, np.ndarray), np.array([place for _, place in names(memory.dtype)], np.int64))
+def places(kind: np.dtype[Any], below: Sequence[str]) -> Places:
+    """The numbers of a record of ``kind`` whose dotted names begin with one of ``below``; the names without it."""
+    names, words = [], []
+    for name, word in _numbers(kind):
+        for prefix in below:
+            if name.startswith(prefix):
+                names.append(name.removeprefix(prefix))
+                words.append(word)
+    return Places(tuple(names), np.array(words, np.int64))
 
 
 @compiled
-def first_invalid(watched: Numbers) -> int:
-    """Position in ``places`` of the first number that is not finite; −1 if all are."""
-    for k in range(watched.places.shape[0]):
-        if not abs(watched.values[watched.places[k]]) < np.inf:
+def first_invalid(words: Any, places: Any) -> int:
+    """Position in ``places`` of the first number of the record ``words`` that is not finite; −1 if all are."""
+    for k in range(places.shape[0]):
+        if not abs(words[places[k]]) < np.inf:
             return k
     return -1
 
 
 @compiled
-def clear(watched: Numbers) -> None:
+def clear(words: Any, places: Any) -> None:
     """Put 0 in the place of every number that is not finite: what was lost starts anew."""
-    for k in range(watched.places.shape[0]):
-        if not abs(watched.values[watched.places[k]]) < np.inf:
-            watched.values[watched.places[k]] = 0.0
+    for k in range(places.shape[0]):
+        if not abs(words[places[k]]) < np.inf:
+            words[places[k]] = 0.0

@@ -1,92 +1,92 @@
-"""Two-stage planetary gearbox: elastic meshes with backlash, transmission error and meshing friction.
+"""A gear stage: elastic mesh with backlash, transmission error, and friction that follows the load.
 
-A stage's twist and torque are taken at its output shaft, its friction at its input shaft::
+Twist and torque are taken at the output shaft, friction at the input shaft::
 
     twist    = input / r − output
     torque   = elastic contact beyond ± backlash/2 around the transmission error e sin ψ
     friction = (drag + μ |torque| / r) (1 + ripple sin ψ)
 
-ψ = sun teeth · (input − output) is the mesh phase: the sun's rotation relative to its carrier passes the teeth.
-Where the transmission error changes the twist, it changes the lever too: the contact's torque acts on input and output
-by the derivatives of twist − e sin ψ, so that the spring gives back what it took and no more.
-μ is larger when the load drives the motor than when the motor drives the load. Which of the two holds is told by the
-friction's own direction, so it is defined at standstill too.
+ψ is the mesh phase: teeth · input, of a planetary stage teeth · (input − output), as its planets turn with the carrier;
+0 without teeth. Where the transmission error changes the twist, it changes the lever too: the contact's torque acts on
+input and output by the derivatives of twist − e sin ψ, so that the spring gives back what it took and no more.
+
+Drag and μ have a value for the motor driving the load and one for the load driving the motor (Modelica's LossyGear)::
+
+    driving     μ = 1/η − 1      back-driven   μ = 1 − η'
+
+so that a back-driving efficiency η' of 0 or less holds any load: self-locking. Which of the two is the case is told by
+the friction's own direction, so it is defined at standstill too.
 """
 
 import math
 from typing import Any
 
-import mujoco
-
 from cls_bench.compiled import compiled
 from cls_bench.parameters import Gearbox, GearStage, Parameters
 from cls_bench.plant import friction
-from cls_bench.plant.play import set_play
+from cls_bench.plant.play import contact_torque, dead_zone
 
 
-def mesh_damping(stage: GearStage, input_inertia: float, output_inertia: float, ratio: float) -> float:
+def mesh_damping(stage: GearStage, input_inertia: float, output_inertia: float) -> float:
     """Damping [N·m·s/rad] of a mesh: the damping ratio against the two inertias it lies between, at its output."""
-    a = input_inertia * ratio * ratio
+    a = input_inertia * stage.ratio**2
     reduced = a * output_inertia / (a + output_inertia)
     return 2.0 * stage.damping_ratio * math.sqrt(stage.stiffness * reduced)
 
 
-def mesh_dampings(parameters: Parameters) -> tuple[float, float]:
-    """Damping of both meshes [N·m·s/rad]."""
-    box = parameters.gearbox
-    rotor = parameters.motor.rotor_inertia + box.input_inertia
-    crank = parameters.linkage.crank_inertia + box.carrier2_inertia
-    return (
-        mesh_damping(box.stage1, rotor, box.carrier1_inertia, box.ratio),
-        mesh_damping(box.stage2, box.carrier1_inertia, crank, box.ratio),
-    )
+def shaft_inertias(p: Parameters) -> list[float]:
+    """Inertia [kg·m²] of each shaft from the motor's to the crank's, without what the rod adds."""
+    inertias = [p.motor.rotor_inertia + p.gearbox.input_inertia, *(stage.inertia for stage in p.gearbox.in_use)]
+    inertias[-1] += p.linkage.crank_inertia
+    return inertias
 
 
-def configure(spec: mujoco.MjSpec, box: Gearbox) -> None:
-    """Set ratio, stiffness, backlash and friction of both stages."""
-    for number, stage, joints in ((1, box.stage1, ("motor", "carrier1")), (2, box.stage2, ("carrier1", "crank"))):
-        name = f"stage{number}"
-        spec.delete(spec.tendon(name))  # a tendon's coefficients cannot be changed: made anew, in the same order
-        tendon = spec.add_tendon(name=name, stiffness=[stage.stiffness, 0.0, 0.0])
-        tendon.springlength = [-stage.backlash / 2, stage.backlash / 2]
-        tendon.wrap_joint(joints[0], 1.0 / box.ratio)
-        tendon.wrap_joint(joints[1], -1.0)
-        friction.configure(
-            spec, f"stage{number}_friction", stiffness=box.bristle_stiffness, damping=box.bristle_damping,
-            coulomb=stage.drag, static=stage.drag * box.breakaway_ratio, stribeck=box.stribeck_velocity,
-        )  # fmt: skip
+def configure(mechanism: Any, p: Parameters) -> None:
+    """Put the stages in use into the record ``mechanism``."""
+    box: Gearbox = p.gearbox
+    inertias = shaft_inertias(p)
+    mechanism.stages = box.stages
+    for k, stage in enumerate(box.in_use):
+        row = mechanism.stage[k]
+        row["ratio"], row["teeth"] = stage.ratio, stage.teeth
+        row["carried"] = float(stage.kind == "planetary")
+        row["stiffness"], row["half_backlash"] = stage.stiffness, 0.5 * stage.backlash
+        row["damping"] = mesh_damping(stage, inertias[k], inertias[k + 1])
+        row["error"], row["ripple"] = stage.transmission_error, stage.ripple
+        row["drag"], row["drag_backdriven"] = stage.drag, stage.drag * stage.drag_ratio
+        row["loss"], row["loss_backdriven"] = 1.0 / stage.efficiency - 1.0, 1.0 - stage.backdrive_efficiency
 
 
 @compiled
-def update_stage(
-    plant: Any, box: Any, stage: Any, mesh_loss: float, damping: float,
-    tendon: int, actuator: int, bristle: int, input_joint: int, output_joint: int,
-) -> tuple[float, float]:  # fmt: skip
-    """Set a stage's dead zone, contact damping and friction level for this step; returns (twist, torque)."""
-    ratio = box.ratio
-    input_angle, output_angle = plant.qpos[input_joint], plant.qpos[output_joint]
-    input_velocity = plant.qvel[input_joint]
-    twist = input_angle / ratio - output_angle
-    phase = stage.sun_teeth * (input_angle - output_angle)
-    mesh = math.sin(phase)
-    error = stage.transmission_error * mesh
+def advance(plant: Any, box: Any, joints: Any, mechanism: Any, body: Any, k: int) -> None:
+    """Put torque and friction of stage ``k`` (0 … stages − 1) on its two shafts; its bristle goes on by a step."""
+    stage = mechanism.stage[k]
+    before, behind = joints.shafts[k], joints.shafts[k + 1]
+    turned, output = plant.qpos[before], plant.qpos[behind]
+    velocity = plant.qvel[before]
+    twist = turned / stage.ratio - output
+    mesh, slope = 0.0, 0.0
+    if stage.teeth > 0.0:
+        phase = stage.teeth * (turned - stage.carried * output)
+        mesh = math.sin(phase)
+        if stage.error != 0.0:
+            slope = stage.error * stage.teeth * math.cos(phase)
+    lever = 1.0 / stage.ratio - slope
+    counter = stage.carried * slope - 1.0
+    deflection = dead_zone(twist - stage.error * mesh, -stage.half_backlash, stage.half_backlash)
+    torque = 0.0
+    if deflection != 0.0:
+        rate = lever * velocity + counter * plant.qvel[behind]
+        torque = contact_torque(deflection, rate, stage.stiffness, stage.damping)
 
-    # The tendon's coefficients are its levers. Its length then says nothing; the dead zone is placed relative to it.
-    slope = stage.transmission_error * stage.sun_teeth * math.cos(phase)
-    input_lever, output_lever = 1.0 / ratio - slope, slope - 1.0
-    first = plant.tendon_start[tendon]
-    plant.tendon_lever[first], plant.tendon_lever[first + 1] = input_lever, output_lever
-    length = input_lever * input_angle + output_lever * output_angle
-    rate = input_lever * input_velocity + output_lever * plant.qvel[output_joint]
-    middle = length - (twist - error)
-    half = 0.5 * stage.backlash
-    torque = set_play(plant, tendon, length, rate, middle - half, middle + half, damping)
-
-    loss = mesh_loss
-    if plant.act[bristle] * torque < 0.0:  # friction opposes the load's way: back-driven
-        loss *= box.backdrive_loss_ratio
-    level = (stage.drag + loss * abs(torque) / ratio) * (1.0 + stage.ripple * mesh)
-    friction.set_level(
-        plant, actuator, bristle, input_velocity, level, box.breakaway_ratio, box.bristle_damping, box.stribeck_velocity
-    )
-    return twist, torque
+    drag, loss = stage.drag, stage.loss
+    if body.bristle[k] * torque < 0.0:  # friction opposes the load's way: back-driven
+        drag, loss = stage.drag_backdriven, stage.loss_backdriven
+    level = (drag + loss * abs(torque) / stage.ratio) * (1.0 + stage.ripple * mesh)
+    rubbed, body.bristle[k] = friction.advance(
+        body.bristle[k], velocity, level, box.breakaway_ratio, box.bristle_stiffness, box.bristle_damping,
+        box.stribeck_velocity, mechanism.step,
+    )  # fmt: skip
+    plant.force[before] -= lever * torque + rubbed
+    plant.force[behind] -= counter * torque
+    body.twist[k], body.mesh_torque[k], body.mesh_friction[k] = twist, torque, rubbed

@@ -1,43 +1,39 @@
-"""Servo motor: MuJoCo's DC motor as power-invariant equivalent of the synchronous machine.
+"""Servo motor: power-invariant DC equivalent of the synchronous machine.
 
-    L di/dt = u − R i − K ω,   torque = K i,   winding: C dT/dt = R i² − T / R_th
+    L di/dt = u − R i − K ω,   torque = K i + cogging,   winding: C dT/dt = R i² − T / R_th
+
+The current acts when it flows: the torque of a step is that of the current at its start, and the current goes on in
+closed form, for a voltage and a speed that are held over the step.
 """
 
+import math
 from typing import Any
 
-import mujoco
-
 from cls_bench.compiled import compiled
-from cls_bench.parameters import Motor
-from cls_bench.plant.state import CURRENT, MOTOR_DRIVE, VOLTAGE
-
-_CONSTANT = 1  # place of the motor constant in gainprm
-_AMBIENT = 20.0  # °C; without a temperature coefficient of resistance it is only a reference
-
-
-def configure(spec: mujoco.MjSpec, motor: Motor) -> None:
-    """Set the electrical and thermal constants."""
-    spec.actuator("motor").set_to_dcmotor(
-        motorconst=[motor.torque_constant, 0.0],
-        resistance=motor.resistance,
-        inductance=[motor.inductance, 0.0],
-        thermal=[motor.thermal_resistance, 0.0, motor.thermal_time_constant, 0.0, _AMBIENT, _AMBIENT],
-        cogging=[motor.cogging_amplitude, float(motor.cogging_periods), 0.0],
-        ctrlspec=int(mujoco.mjtCtrlInput.mjINPUT_VOLTAGE),
-    )
 
 
 @compiled
-def apply_voltage(plant: Any, motor: Any, connected: bool, voltage: float) -> None:
-    """Put ``voltage`` [V] on the terminals, or open them: no current, no torque, the motor turns freely.
+def cogging(motor: Any, angle: float) -> float:
+    """Cogging torque [N·m] at the rotor's ``angle`` [rad]."""
+    if motor.cogging_amplitude == 0.0:
+        return 0.0
+    return float(motor.cogging_amplitude * math.sin(motor.cogging_periods * angle))
 
-    An open circuit is a motor whose constant is zero: no back-EMF drives a current, and no current makes torque. (The
-    drive's free-wheeling diodes would conduct above the no-load speed only.)
+
+@compiled
+def advance(motor: Any, mechanism: Any, body: Any, connected: bool, voltage: float, velocity: float) -> float:
+    """Torque [N·m] of the present current; the current then goes on by a step with ``voltage`` [V] on the terminals.
+
+    Not ``connected``, they are open: no current, no torque, the motor turns freely. (The drive's free-wheeling diodes
+    would conduct above the no-load speed only.)
     """
+    body.voltage = voltage if connected else 0.0
+    if not connected:
+        body.current = 0.0
+    torque = motor.torque_constant * body.current
+    heat = motor.resistance * body.current * body.current * motor.thermal_resistance
+    body.temperature = heat + (body.temperature - heat) * mechanism.heat_decay
     if connected:
-        plant.gainprm[MOTOR_DRIVE, _CONSTANT] = motor.torque_constant
-        plant.ctrl[VOLTAGE] = voltage
-    else:
-        plant.gainprm[MOTOR_DRIVE, _CONSTANT] = 0.0
-        plant.ctrl[VOLTAGE] = 0.0
-        plant.act[CURRENT] = 0.0
+        final = (voltage - motor.torque_constant * velocity) / motor.resistance
+        body.current = final + (body.current - final) * mechanism.current_decay
+    return float(torque)

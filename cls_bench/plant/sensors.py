@@ -1,13 +1,13 @@
-"""Sensors: all that control may know of the plant, with resolution, range, noise and filter."""
+"""Sensors: all that control may know of the plant, with resolution, range, noise, filter and faults."""
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cls_bench.compiled import compiled
-from cls_bench.plant.state import COLUMN, CURRENT, LOAD_CELL, MOTOR
-from cls_bench.signals import TICK_S
+from cls_bench.parameters import Parameters
 
 SAMPLES = np.dtype(
     [
@@ -17,24 +17,46 @@ SAMPLES = np.dtype(
         ("potentiometer", np.float64),  # column angle [rad], quantised
         ("switch_forward", np.int64),  # 1 while closed (within travel), 0 when open: wired fail-safe
         ("switch_aft", np.int64),
-        ("strain_force", np.float64),  # force the strain gauge sees [N]: for the record, not for control
-        ("filter_state", np.float64),  # amplifier output [N]: state of the filter, not for control
     ]
 )
+"""What control is given, and nothing else."""
 
-NOISES = 3
-"""Independent normal random numbers a sample needs: encoder, load cell, potentiometer."""
+NORMAL = ("encoder", "load_cell", "potentiometer")
+"""Sources of normal noise; each has a random stream of its own."""
+
+UNIFORM = ("spike", "command_frame", "feedback_frame")
+"""Sources of chance, uniform in [0, 1); drawn only while something depends on them."""
+
+
+class Noise(NamedTuple):
+    """The random numbers of a block, (ticks, axes) each; those of :data:`UNIFORM` may be empty."""
+
+    encoder: NDArray[np.float64]
+    load_cell: NDArray[np.float64]
+    potentiometer: NDArray[np.float64]
+    spike: NDArray[np.float64]
+    command_frame: NDArray[np.float64]
+    feedback_frame: NDArray[np.float64]
+
+
+_SUPPLY_BROKEN, _SIGNAL_BROKEN = 1, 2  # places among the choices of load_cell.wire
+
+
+def load_cell_count(cell: Any) -> float:
+    """Force [N] of one converter count: the range, to both sides, over 2^bits."""
+    return float(2.0 * cell.capacity / (1 << cell.adc_bits))
+
+
+def configure(mechanism: Any, p: Parameters) -> None:
+    """Put what follows for the amplifier into the record ``mechanism``."""
+    mechanism.count = load_cell_count(p.load_cell)
+    mechanism.filter_blend = 1.0 - math.exp(-2.0 * math.pi * p.load_cell.filter_bandwidth * mechanism.tick)
+    mechanism.creep_blend = 1.0 - math.exp(-mechanism.tick / p.load_cell.creep_time)
 
 
 @compiled
 def _quantised(value: float, step: float) -> float:
     return math.floor(value / step + 0.5) * step
-
-
-@compiled
-def load_cell_count(cell: Any) -> float:
-    """Force [N] of one converter count: the range, to both sides, over 2^bits."""
-    return float(2.0 * cell.capacity / (1 << cell.adc_bits))
 
 
 @compiled
@@ -45,36 +67,52 @@ def is_saturated(cell: Any, counts: float) -> bool:
 
 
 @compiled
-def weigh(cell: Any, force: float, noise: float, samples: Any) -> None:
-    """Take one sample of the load cell under ``force`` [N], tension positive.
+def weigh(cell: Any, mechanism: Any, body: Any, force: float, noise: float, spike: float) -> float:
+    """Converter counts of one sample of the load cell under ``force`` [N], tension positive.
 
-    The amplifier is a first-order low pass, discretised exactly for a force held over the tick; its converter
-    saturates at the range. ``noise`` is a standard normal number.
+    What the gauge shows is (1 + gain error) · (force + creep) + zero. The amplifier is a first-order low pass,
+    discretised exactly for a force held over the tick; its converter saturates at the range. ``noise`` is a standard
+    normal number, ``spike`` one in [0, 1), which is compared with the chance of a spike in a tick.
     """
-    samples.strain_force = force
-    blend = 1.0 - math.exp(-2.0 * math.pi * cell.filter_bandwidth * TICK_S)
-    samples.filter_state += blend * (force - samples.filter_state)
-    amplified = samples.filter_state + cell.noise * noise
+    body.strain_force = force
+    body.zero += cell.drift * mechanism.tick
+    shown = force
+    if cell.creep != 0.0:
+        body.crept += mechanism.creep_blend * (cell.creep * force - body.crept)
+        shown += body.crept
+    shown = (1.0 + cell.gain_error) * shown + cell.offset + body.zero
+    chance = cell.spike_rate * mechanism.tick
+    if spike < chance:
+        shown += cell.spike if spike < 0.5 * chance else -cell.spike
     full_scale = float(1 << (cell.adc_bits - 1))
-    counts = math.floor(amplified / load_cell_count(cell) + 0.5)
-    samples.load_cell = min(max(counts, -full_scale), full_scale - 1.0)
+    if cell.wire == _SUPPLY_BROKEN:
+        shown = 0.0
+    elif cell.wire == _SIGNAL_BROKEN:
+        shown = full_scale * mechanism.count
+    body.amplified += mechanism.filter_blend * (shown - body.amplified)
+    counts = math.floor((body.amplified + cell.noise * noise) / mechanism.count + 0.5)
+    return float(min(max(counts, -full_scale), full_scale - 1.0))
 
 
 @compiled
-def sample(plant: Any, p: Any, cell_damping: float, noise: Any, samples: Any) -> None:
-    """Take one sample of every sensor; ``noise`` holds :data:`NOISES` standard normal numbers."""
+def sample(plant: Any, truth: Any, noise: Any, axis: int, row: int, samples: Any) -> None:
+    """Take one sample of every sensor of the axis, with the random numbers of tick ``row`` of the block."""
+    p, joints, body = truth.parameters, truth.joints, truth.body
     encoder = p.encoder
     step = 2.0 * math.pi / (encoder.counts * encoder.interpolation)
-    samples.encoder = _quantised(plant.qpos[MOTOR] + encoder.noise * noise[0], step)
-    samples.current = plant.act[CURRENT]
+    turned = plant.qpos[joints.motor] + encoder.slip + encoder.noise * noise.encoder[row, axis]
+    samples.encoder = _quantised(turned, step)
+    samples.current = body.current
 
-    cell = p.load_cell
-    force = cell.stiffness * plant.qpos[LOAD_CELL] + cell_damping * plant.qvel[LOAD_CELL]
-    weigh(cell, force, noise[1], samples)
+    spike = noise.spike[row, axis] if p.load_cell.spike_rate > 0.0 else 1.0
+    samples.load_cell = weigh(
+        p.load_cell, truth.mechanism, body, body.rod_force, noise.load_cell[row, axis], spike
+    )  # fmt: skip
 
-    column = plant.qpos[COLUMN]
+    column = plant.qpos[joints.column]
     pot = p.potentiometer
     pot_step = 2.0 * pot.range / (1 << pot.adc_bits)
-    samples.potentiometer = min(max(_quantised(column + pot.noise * noise[2], pot_step), -pot.range), pot.range)
+    shown = _quantised(column + pot.noise * noise.potentiometer[row, axis], pot_step)
+    samples.potentiometer = min(max(shown, -pot.range), pot.range)
     samples.switch_forward = 1 if column < p.column.switch_angle else 0
     samples.switch_aft = 1 if column > -p.column.switch_angle else 0

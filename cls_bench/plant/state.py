@@ -1,4 +1,9 @@
-"""What the compiled plant laws read and write: MuJoCo's own memory, and where in it each element lies."""
+"""What the plant remembers, and where: MuJoCo's own memory for the motion, a record for all else.
+
+The mechanism of an axis is a chain of hinges, all about y: column, limb, and from the motor on one shaft for each gear
+stage. MuJoCo holds their angles, velocities and inertias and steps them; what acts between them are the laws of this
+package. Nothing outside knows a joint by its number: :data:`JOINTS` holds the places, found by name.
+"""
 
 from typing import Any, NamedTuple
 
@@ -7,70 +12,114 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cls_bench.compiled import handle
+from cls_bench.parameters import MOST_STAGES, PLANT, Parameters, kind_of
 
 Array = NDArray[np.float64]
 
-JOINTS = ("motor", "carrier1", "crank", "rod", "load_cell", "column", "limb")
-TENDONS = ("stop_blocks", "grip", "stage1", "stage2")
-ACTUATORS = ("motor", "stage1_friction", "stage2_friction", "column_bearing", "arm")
-MOTOR, CARRIER1, CRANK, ROD, LOAD_CELL, COLUMN, LIMB = range(7)
-STOP_BLOCKS, GRIP, STAGE1, STAGE2 = range(4)
-MOTOR_DRIVE, STAGE1_FRICTION, STAGE2_FRICTION, COLUMN_BEARING, ARM = range(5)
-VOLTAGE, ARM_POSITION, ARM_VELOCITY, ARM_FORCE = range(4)
-"""Places in ``ctrl``: the motor's voltage, then the three inputs of the arm."""
-
 
 class Plant(NamedTuple):
-    """Views of MuJoCo's memory (no copies), in the order of :data:`JOINTS`, :data:`TENDONS`, :data:`ACTUATORS`.
-
-    The model is written to as well: friction levels, contact damping and grip change from step to step.
-    """
+    """Views of MuJoCo's memory (no copies), an entry a joint."""
 
     model: Any  # for mj_step
     data: Any  # for mj_step
-    qpos: Array  # (7,) [rad], load cell [m]
-    qvel: Array  # (7,) [rad/s], load cell [m/s]
-    ctrl: Array  # (4,) voltage [V], arm angle [rad], arm velocity [rad/s], arm torque [N·m]
-    act: Array  # winding temperature rise [K], motor current [A], three bristle deflections [rad]
-    actuator_force: Array  # (5,) [N·m]
-    xpos: Array  # (bodies, 3) [m]
-    xquat: Array  # (bodies, 4)
-    joint_damping: Array  # (7,) [N·m·s/rad]
-    tendon_stiffness: Array  # (4,) [N·m/rad]
-    tendon_damping: Array  # (4,) [N·m·s/rad]
-    tendon_spring: Array  # (4, 2) lower and upper end of the dead zone [rad]
-    tendon_start: NDArray[np.int32]  # (4,) place of a tendon's first joint in tendon_lever
-    tendon_lever: Array  # (7,) coefficients of the tendons' joints
-    gainprm: Array  # (5, 10)
-    biasprm: Array  # (5, 10)
-    dynprm: Array  # (5, 10)
+    qpos: Array  # [rad]
+    qvel: Array  # [rad/s]
+    force: Array  # torques that are put on the joints [N·m]
+    armature: Array  # inertia [kg·m²] on top of the bodies' own
+    inertia: Array  # the same with the body's own, for joints whose inertia MuJoCo keeps as a constant
 
 
-TEMPERATURE, CURRENT, BRISTLE1, BRISTLE2, BRISTLE_COLUMN = range(5)
-"""Places in ``act``."""
+JOINTS = np.dtype(
+    [
+        ("column", np.int64),
+        ("limb", np.int64),
+        ("motor", np.int64),
+        ("crank", np.int64),
+        ("shafts", np.int64, (MOST_STAGES + 1,)),  # from the motor to the crank, which is shaft number ``stages``
+    ]
+)
+"""Places of an axis's joints in :class:`Plant`."""
+
+STAGE = np.dtype(
+    [
+        ("ratio", np.float64),
+        ("teeth", np.float64),  # of the input wheel
+        ("carried", np.float64),  # 1 if the mesh turns with the output, as planets with their carrier; else 0
+        ("stiffness", np.float64),  # [N·m/rad] at the output, as all below but drag
+        ("damping", np.float64),  # [N·m·s/rad]
+        ("half_backlash", np.float64),  # [rad]
+        ("error", np.float64),  # transmission error [rad]
+        ("ripple", np.float64),
+        ("drag", np.float64),  # [N·m] at the input, motor driving
+        ("drag_backdriven", np.float64),
+        ("loss", np.float64),  # friction over torque handed on, both at the input, motor driving
+        ("loss_backdriven", np.float64),
+    ]
+)
+
+MECHANISM = np.dtype(
+    [
+        ("step", np.float64),  # of the plant [s]
+        ("tick", np.float64),  # [s]
+        ("stages", np.int64),
+        ("stage", STAGE, (MOST_STAGES,)),
+        ("crank", np.float64), ("rod", np.float64), ("arm", np.float64),  # [m]; rod 0: none
+        ("crank_angle", np.float64), ("rod_angle", np.float64), ("arm_angle", np.float64),  # at neutral [rad]
+        ("axis_x", np.float64), ("axis_z", np.float64),  # crank axis from the column's [m]
+        ("far_mass", np.float64),  # of the rod, at its column end before the strain gauge [kg]
+        ("crank_inertia", np.float64), ("column_inertia", np.float64),  # without the far mass [kg·m²]
+        ("cell_stiffness", np.float64), ("cell_damping", np.float64),  # [N/m], [N·s/m]
+        ("bearing_damping", np.float64),  # presliding [N·m·s/rad]
+        ("current_decay", np.float64),  # of the winding's current over a step
+        ("heat_decay", np.float64),  # of the winding's temperature over a step
+        ("filter_blend", np.float64),  # weight of a new sample in the amplifier's filter
+        ("count", np.float64),  # force of one converter count as built [N]
+        ("creep_blend", np.float64),
+    ]
+)  # fmt: skip
+"""What follows from the parameters and does not change from step to step."""
+
+BODY = np.dtype(
+    [
+        ("current", np.float64),  # [A]
+        ("temperature", np.float64),  # rise of the winding's temperature [K]
+        ("bristle", np.float64, (MOST_STAGES,)),  # deflection of the stages' friction [rad]
+        ("bearing_bristle", np.float64),  # of the column's bearing [rad]
+        ("grip_stiffness", np.float64),  # [N·m/rad]
+        ("grip_damping", np.float64),  # [N·m·s/rad]
+        ("grip_rest", np.float64),  # angle between limb and column at which the grip's spring is free [rad]
+        # what acts in the present state
+        ("voltage", np.float64),  # on the motor's terminals [V]
+        ("motor_torque", np.float64),  # of the air gap [N·m]
+        ("rod_force", np.float64),  # tension positive [N]
+        ("along_crank", np.float64), ("along_column", np.float64),  # levers of the pins along the rod [m]
+        ("across_column", np.float64),  # and across it [m]
+        ("far_along", np.float64), ("far_across", np.float64),  # of the far mass, apart from its armatures [m/s²]
+        ("grip_torque", np.float64),  # on the column [N·m]
+        ("twist", np.float64, (MOST_STAGES,)),  # [rad]
+        ("mesh_torque", np.float64, (MOST_STAGES,)),  # [N·m]
+        ("mesh_friction", np.float64, (MOST_STAGES,)),  # at the input shaft, against its motion [N·m]
+        # what the sensors remember
+        ("amplified", np.float64),  # output of the load cell amplifier's filter [N]
+        ("zero", np.float64),  # of the load cell [N]
+        ("crept", np.float64),  # [N]
+        ("strain_force", np.float64),  # what the strain gauge sees [N]
+    ]
+)  # fmt: skip
+
+TRUTH = np.dtype(
+    [
+        ("joints", JOINTS),
+        ("parameters", [(name, kind_of(type(getattr(Parameters(), name)))) for name in PLANT]),
+        ("mechanism", MECHANISM),
+        ("body", BODY),
+    ]
+)
+"""The plant of one axis, all that MuJoCo does not hold. No function of control is given it."""
 
 
 def view(model: mujoco.MjModel, data: mujoco.MjData) -> Plant:
-    """The :class:`Plant` of a compiled model; raises ValueError if the model is not laid out as the laws expect."""
-    for what, expected, kind in (
-        ("joints", JOINTS, mujoco.mjtObj.mjOBJ_JOINT),
-        ("tendons", TENDONS, mujoco.mjtObj.mjOBJ_TENDON),
-        ("actuators", ACTUATORS, mujoco.mjtObj.mjOBJ_ACTUATOR),
-    ):
-        found = tuple(mujoco.mj_id2name(model, kind, i) for i in range(len(expected)))
-        if found != expected:
-            raise ValueError(f"the model's {what} are {found}, expected {expected}")
-    if model.na != 5 or model.nu != 4:
-        raise ValueError(f"the model has {model.na} activations and {model.nu} controls, expected 5 and 4")
-    return memory(model, data)
-
-
-def memory(model: mujoco.MjModel, data: mujoco.MjData) -> Plant:
-    """The :class:`Plant` of a compiled model of any layout, such as an element alone."""
+    """The :class:`Plant` of a compiled model."""
     return Plant(
-        handle(model), handle(data),
-        data.qpos, data.qvel, data.ctrl, data.act, data.actuator_force, data.xpos, data.xquat,
-        model.dof_damping, model.tendon_stiffness, model.tendon_damping, model.tendon_lengthspring,
-        model.tendon_adr, model.wrap_prm,
-        model.actuator_gainprm, model.actuator_biasprm, model.actuator_dynprm,
+        handle(model), handle(data), data.qpos, data.qvel, data.qfrc_applied, model.dof_armature, model.dof_M0
     )  # fmt: skip

@@ -25,7 +25,7 @@ from google.protobuf.descriptor_pb2 import (  # type: ignore[import-untyped]
 from numpy.typing import NDArray
 
 from cls_bench.geometry import Geom, Vector, capsule_ends, plane_box
-from cls_bench.signals import TICK_NS, Event, Topic
+from cls_bench.signals import Event, Topic
 
 MOST_BODIES, MOST_GEOMS = 200, 10_000
 """Bodies and shapes of a bench that are read; a file that has more is none of ours."""
@@ -87,22 +87,22 @@ def library_schema(message: Any) -> bytes:
     return bytes(FileDescriptorSet(file=files.values()).SerializeToString(deterministic=True))
 
 
-def _set_time(stamp: Any, tick: int) -> None:
-    stamp.seconds, stamp.nanos = divmod(tick * TICK_NS, 1_000_000_000)
+def _set_time(stamp: Any, time_ns: int) -> None:
+    stamp.seconds, stamp.nanos = divmod(time_ns, 1_000_000_000)
 
 
 def log(event: Event) -> bytes:
     """An event as ``foxglove.Log``."""
     message = Log(level=LEVELS[event.level], message=event.message, name=event.source)
-    _set_time(message.timestamp, event.tick)
+    _set_time(message.timestamp, event.tick * event.tick_ns)
     return bytes(message.SerializeToString(deterministic=True))
 
 
-def parse_log(data: bytes, tick: int) -> Event:
-    """The event back from a ``foxglove.Log`` of ``tick``."""
+def parse_log(data: bytes, tick: int, tick_ns: int) -> Event:
+    """The event back from a ``foxglove.Log`` of ``tick``, which lasts ``tick_ns`` [ns]."""
     message = Log.FromString(data)
     level = next((name for name, value in LEVELS.items() if value == message.level), "info")
-    return Event(tick, level, message.name, message.message)
+    return Event(tick, level, message.name, message.message, tick_ns)
 
 
 class Transforms:
@@ -113,10 +113,10 @@ class Transforms:
         for name in body_names[1:]:
             self._message.transforms.add(parent_frame_id=WORLD, child_frame_id=name)
 
-    def __call__(self, tick: int, poses: NDArray[np.float64]) -> bytes:
+    def __call__(self, time_ns: int, poses: NDArray[np.float64]) -> bytes:
         """Serialized message of ``poses``, shape (bodies, 7): position [m] and quaternion w, x, y, z; world first."""
         for transform, pose in zip(self._message.transforms, poses[1:].tolist(), strict=True):
-            _set_time(transform.timestamp, tick)
+            _set_time(transform.timestamp, time_ns)
             at, turn = transform.translation, transform.rotation
             at.x, at.y, at.z, turn.w, turn.x, turn.y, turn.z = pose
         return bytes(self._message.SerializeToString(deterministic=True))

@@ -12,7 +12,7 @@ import numpy as np
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
-from cls_bench.signals import TICK_NS, TOPIC, Block, Topic
+from cls_bench.signals import Block, Topic
 
 MAX_SIGNALS = 15
 """Protobuf field numbers up to 15 take one tag byte."""
@@ -44,8 +44,11 @@ def tags(signals: int) -> NDArray[np.uint8]:
 
 
 def rows_of(topic: Topic, block: Block) -> NDArray[np.float64]:
-    """The samples of ``topic`` in ``block``: the signals and ticks it has, of those that were simulated."""
-    source = TOPIC[topic.path]
+    """The samples of ``topic`` in ``block``: the signals and ticks it has, of those that were simulated.
+
+    KeyError if they were not.
+    """
+    source = block.topic(topic.path)
     rows = block.signals[topic.path]
     if topic.ticks != source.ticks:
         rows = rows[block.row_ticks(source.ticks) % topic.ticks == 0]
@@ -74,7 +77,7 @@ class Samples:
         for channel, (topic, size) in enumerate(zip(topics, sizes, strict=True), start=1):
             at = block.row_ticks(topic.ticks)
             offsets = self._starts[at - block.first_tick] + before[channel - 1, at - block.first_tick]
-            self.indexes[channel] = np.stack([at * TICK_NS, offsets], axis=1).astype("<u8")
+            self.indexes[channel] = np.stack([at * block.clock.tick_ns, offsets], axis=1).astype("<u8")
             if len(at):
                 records = _records(channel, topic, at, rows_of(topic, block))
                 anywhere: Any = np.ndarray((len(room) - size + 1,), f"V{size}", room, strides=(1,))
@@ -95,7 +98,7 @@ def _records(
     records["length"] = records.itemsize - 9  # MCAP does not count opcode and length
     records["channel"] = channel
     records["sequence"] = ticks // topic.ticks
-    records["log_time"] = records["publish_time"] = ticks * TICK_NS
+    records["log_time"] = records["publish_time"] = ticks * topic.tick_ns
     records["signals"]["tag"] = tags(len(topic.signals))
     records["signals"]["value"] = rows
     return records

@@ -7,7 +7,7 @@ import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import IO, Any, NamedTuple, TypeVar
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from cls_bench.errors import InputError
 from cls_bench.recording import foxglove
+from cls_bench.recording.clock import clock_of
 from cls_bench.recording.mcap_file import UNKNOWN_NS, Chunk, DamagedError, McapFile, Messages
 from cls_bench.recording.mcap_writer import (
     PARAMETERS_ATTACHMENT,
@@ -32,7 +33,20 @@ from cls_bench.recording.mcap_writer import (
 from cls_bench.recording.run_info import RunInfo
 from cls_bench.recording.samples import decode
 from cls_bench.recording.seal import SEAL_KEY, SEAL_METADATA, seal_of
-from cls_bench.signals import EVENTS_TOPIC, POSE_TICKS, TICK_NS, TOPICS, Block, Event, Signal, Topic
+from cls_bench.signals import (
+    EVENTS_TOPIC,
+    MOST_STAGES,
+    Block,
+    Clock,
+    Column,
+    Event,
+    Signal,
+    Topic,
+    axes_of,
+    axis_of,
+    is_axis,
+    topics,
+)
 from cls_bench.text import printable
 
 INCOMPLETE = "incomplete"
@@ -46,6 +60,12 @@ PIECE_NS = 1_000_000_000
 
 CACHE_BYTES = 128 << 20
 """Unpacked chunks that are kept while blocks are put together from chunks that overlap in time."""
+
+LONGEST_BLOCK = 1 << 16
+"""Ticks of a block that is put together; our own are shorter."""
+
+MOST_AXES = 8
+"""Axes of a bench that are read."""
 
 LONGEST_TEXT = 1000
 """Characters of a text in the file, such as an event's, that are shown."""
@@ -143,6 +163,8 @@ class Recording:
         """topics of signals in the file, with units and meanings as recorded"""
         self.attachments: dict[str, bytes] = self._file.attachments
         """name -> content: scenario.toml, parameters.json and the model files"""
+        self.clock: Clock
+        """rates of the run, as the file says them"""
         self._samples: dict[str, list[_Channel]] = {}
         self._others: dict[str, list[int]] = {}
         self._find_topics()
@@ -211,11 +233,11 @@ class Recording:
         Of a recording with fewer samples, the run may have gone on for a part of their interval after the last.
         """
         ends = [chunk.end_ns for chunk in self._chunks if not chunk.lost]
-        end = max(ends) // TICK_NS + 1 if ends else 0
+        end = max(ends) // self.clock.tick_ns + 1 if ends else 0
         text = self.result.get("ticks", "")
         ticks = int(text) if re.fullmatch("[0-9]{1,9}", text) else 0
         slowest = max((topic.ticks for topic in self.topics.values()), default=1)
-        return (ticks if 0 < ticks - end < slowest else end) * TICK_NS / 1e9
+        return self.clock.time(ticks if 0 < ticks - end < slowest else end)
 
     # --- what is wrong with it ---------------------------------------------------------------------------------------
 
@@ -248,7 +270,8 @@ class Recording:
         """What is lost, in order of time, as far as was read."""
         good = [chunk for chunk in self._chunks if not chunk.lost]
         lost = [chunk for chunk in self._chunks if chunk.lost]
-        period = max((topic.ticks for topic in self.topics.values()), default=1) * TICK_NS
+        tick_ns = self.clock.tick_ns
+        period = max((topic.ticks for topic in self.topics.values()), default=1) * tick_ns
         found = []
         end = good[0].start_ns if good else 0
         for chunk in good:
@@ -257,13 +280,13 @@ class Recording:
                 inside = inside or [other for other in lost if other.start_ns == UNKNOWN_NS][:1]
                 lost = [other for other in lost if all(other is not there for there in inside)]
                 reason = inside[0].lost if inside else "nothing was found there"
-                found.append(Loss((end + TICK_NS) / 1e9, chunk.start_ns / 1e9, reason))
+                found.append(Loss((end + tick_ns) / 1e9, chunk.start_ns / 1e9, reason))
             end = max(end, chunk.end_ns)
         for other in lost:
             if other.start_ns == UNKNOWN_NS:  # it may have been anywhere that nothing else tells of
-                found.append(Loss(0.0, (end + TICK_NS) / 1e9, f"somewhere; {other.lost}"))
+                found.append(Loss(0.0, (end + tick_ns) / 1e9, f"somewhere; {other.lost}"))
             else:
-                found.append(Loss(other.start_ns / 1e9, (other.end_ns + TICK_NS) / 1e9, other.lost))
+                found.append(Loss(other.start_ns / 1e9, (other.end_ns + tick_ns) / 1e9, other.lost))
         return tuple(sorted(found))
 
     @cached_property
@@ -289,11 +312,11 @@ class Recording:
         found = []
         for time, sequence, payload in self._payloads(EVENTS_TOPIC):
             try:
-                event = foxglove.parse_log(payload, time // TICK_NS)
+                event = foxglove.parse_log(payload, time // self.clock.tick_ns, self.clock.tick_ns)
             except (DecodeError, UnicodeDecodeError):
                 raise self._damaged(f"the event at {time / 1e9:g} s cannot be read") from None
             source, message = (printable(text, LONGEST_TEXT) for text in (event.source, event.message))
-            found.append((time, sequence, Event(event.tick, event.level, source, message)))
+            found.append((time, sequence, replace(event, source=source, message=message)))
         found.sort(key=lambda entry: entry[:2])
         return tuple(event for _, _, event in found)
 
@@ -314,18 +337,29 @@ class Recording:
             raise InputError(f"every = {every}: must be at least 1")
         known = self._topic(topic)
         names = known.names if signals is None else tuple(signals)
-        for name in names:
-            if name not in known.names:
-                raise InputError(f"topic {topic} has no signal {name!r}; it has {', '.join(known.names)}")
-        return self._read([_Wanted(known, names, every)], start, end)[0]
+        self._require(known, names)
+        return self._series([_Wanted(known, names, every)], start, end)[0]
+
+    def samples_at(self, signal: str, ticks: range) -> Column:
+        """Samples of ``/topic.name`` at ``ticks``, multiples of their step and the topic's; what is lost is left out.
+
+        Raises :class:`InputError` for an unknown topic or signal.
+        """
+        path, _, name = signal.rpartition(".")
+        topic = self._topic(path)
+        self._require(topic, [name])
+        tick_ns = self.clock.tick_ns
+        wanted = _Wanted(topic, (name,), ticks.step // topic.ticks)
+        times, values = self._read([wanted], ticks.start * tick_ns, ticks.stop * tick_ns)[0]
+        return Column((times // np.uint64(tick_ns)).astype(np.int64), values[0])
 
     def read_all(self, start: float | None = None, end: float | None = None) -> dict[str, Series]:
         """All signals of all topics with start ≤ time < end [s], by topic: each chunk is unpacked just once."""
         wanted = [_Wanted(topic, topic.names) for topic in self.topics.values()]
-        return dict(zip(self.topics, self._read(wanted, start, end), strict=True))
+        return dict(zip(self.topics, self._series(wanted, start, end), strict=True))
 
     def blocks(self) -> Iterator[Block]:
-        """The run as blocks of all known topics, poses and events with them; as it was recorded, unless rewritten.
+        """The run as blocks of all :attr:`known_topics`, with poses and events; as it was recorded, unless rewritten.
 
         A signal that is not in the file is NaN; one with fewer samples than usual is held from one to the next. A block
         ends where samples are lost.
@@ -347,11 +381,11 @@ class Recording:
                     for topic in self.topics.values()
                 }  # fmt: skip
                 poses = self._poses_in(found, start_ns, end_ns)
-                yield from _blocks(self.topics, parts, poses, bodies, events)
+                yield from self._blocks(parts, poses, bodies, events)
 
     def poses(self, start: float | None = None, end: float | None = None) -> tuple[Array, Poses]:
         """Times [s] and poses of the bodies with start ≤ time < end [s], as in :class:`cls_bench.signals.Block`."""
-        start_ns, end_ns = _span(start, end)
+        start_ns, end_ns = self._span(start, end)
         chosen = self._chosen(start_ns, end_ns)
         found = self._each_chunk(chosen, lambda messages: self._poses_in([messages], start_ns, end_ns))
         times = np.concatenate([np.zeros(0, np.uint64), *(part[0] for part in found)])
@@ -379,19 +413,27 @@ class Recording:
             wall_start=self.wall_start,
             body_names=bodies,
             geoms=geoms,
+            clock=self.clock,
         )
 
     # --- topics ------------------------------------------------------------------------------------------------------
 
     def _find_topics(self) -> None:
-        """The topics of the file; of one that is recorded in several channels, the first says what it is."""
+        """Clock and topics of the file; of one that is recorded in several channels, the first says what it is."""
+        own = []
         for channel in self._file.channels.values():
             if channel.message_encoding != "protobuf":
                 continue
             schema = self._file.schemas.get(channel.schema_id)
             if schema is None or not schema.name.startswith(f"{foxglove.PACKAGE}."):
                 self._others.setdefault(channel.topic, []).append(channel.id)
-                continue
+            else:
+                own.append((channel, schema))
+        try:
+            self.clock = clock_of(channel.metadata for channel, _ in own)
+        except ValueError as error:
+            raise self._damaged(f"its clock cannot be understood: {error}") from None
+        for channel, schema in own:
             try:
                 fields = foxglove.double_fields(schema.data, schema.name)
                 ticks = int(channel.metadata["ticks"])
@@ -405,18 +447,45 @@ class Recording:
                 Signal(name, about.get(f"{name}.unit", ""), about.get(f"{name}.meaning", ""))
                 for name in fields.values()
             )
-            topic = Topic(path, ticks, about.get("meaning", ""), signals)
+            topic = Topic(path, ticks, about.get("meaning", ""), signals, self.clock.tick_ns)
             known = self.topics.setdefault(path, topic)
             if (known.ticks, known.names) != (topic.ticks, topic.names):
                 raise self._damaged(f"topic {path} is there twice, in different ways")
             self._samples.setdefault(path, []).append(_Channel(channel.id, fields))
-        order = {topic.path: number for number, topic in enumerate(TOPICS)}
-        self.topics = dict(sorted(self.topics.items(), key=lambda item: order.get(item[0], len(order))))
+        axes = axes_of(self.topics.values())
+        order = {topic.path: number for number, topic in enumerate(topics(stages=MOST_STAGES))}
+
+        def place(path: str) -> tuple[int, int]:
+            axis = axis_of(path)
+            return axes.index(axis), order.get(path.removeprefix(f"/{axis}") if axis else path, len(order))
+
+        self.topics = dict(sorted(self.topics.items(), key=lambda item: place(item[0])))
+
+    @cached_property
+    def known_topics(self) -> tuple[Topic, ...]:
+        """What was simulated, as far as the file tells: all topics of each axis that is there, at their own rates."""
+        found: list[Topic] = []
+        axes = [axis for axis in axes_of(self.topics.values()) if not axis or is_axis(axis)]
+        if len(axes) > MOST_AXES:
+            raise InputError(f"{self.path}: has {len(axes)} axes, {MOST_AXES} at most are read")
+        for axis in axes:
+            gearbox = self.topics.get(f"/{axis}/gearbox" if axis else "/gearbox")
+            numbers = [re.match("stage([1-9])_", name) for name in gearbox.names] if gearbox else []
+            stages = max((int(number[1]) for number in numbers if number), default=0)
+            own = topics(self.clock, min(stages, MOST_STAGES), axis)
+            found += own if any(topic.path in self.topics for topic in own) else ()
+        return tuple(found)
 
     def _topic(self, path: str) -> Topic:
         if path not in self.topics:
             raise InputError(f"{self.path} has no topic {path!r}; it has {', '.join(self.topics) or 'none'}")
         return self.topics[path]
+
+    @staticmethod
+    def _require(topic: Topic, names: Iterable[str]) -> None:
+        for name in names:
+            if name not in topic.names:
+                raise InputError(f"topic {topic.path} has no signal {name!r}; it has {', '.join(topic.names)}")
 
     # --- chunks ------------------------------------------------------------------------------------------------------
 
@@ -435,7 +504,7 @@ class Recording:
             if chunk.lost and chunk.start_ns == UNKNOWN_NS:
                 self._warn(f"a chunk is lost: {chunk.lost}")
             elif chunk.lost:
-                start, end = chunk.start_ns / 1e9, (chunk.end_ns + TICK_NS) / 1e9
+                start, end = chunk.start_ns / 1e9, (chunk.end_ns + self.clock.tick_ns) / 1e9
                 self._warn(f"the chunk from {start:g} to {end:g} s is lost: {chunk.lost}")
 
     def _chosen(self, start_ns: int, end_ns: int | None) -> list[Chunk]:
@@ -497,18 +566,24 @@ class Recording:
 
     # --- samples -----------------------------------------------------------------------------------------------------
 
-    def _read(self, wanted: Sequence[_Wanted], start: float | None, end: float | None) -> list[Series]:
+    def _series(self, wanted: Sequence[_Wanted], start: float | None, end: float | None) -> list[Series]:
+        """Samples of all of ``wanted`` with start ≤ time < end [s]."""
+        found = self._read(wanted, *self._span(start, end))
+        return [
+            Series(times / 1e9, dict(zip(part.names, values, strict=True)))
+            for part, (times, values) in zip(wanted, found, strict=True)
+        ]
+
+    def _read(self, wanted: Sequence[_Wanted], start_ns: int, end_ns: int | None) -> list[_Part]:
         """Samples of all of ``wanted``, in one pass over the chunks."""
-        start_ns, end_ns = _span(start, end)
         found = self._each_chunk(
             self._chosen(start_ns, end_ns),
             lambda messages: [self._part(messages, part, start_ns, end_ns) for part in wanted],
         )
-        series = []
-        for number, part in enumerate(wanted):
-            times, values = self._joined(part.topic.path, [chunk[number] for chunk in found], len(part.names))
-            series.append(Series(times / 1e9, dict(zip(part.names, values, strict=True))))
-        return series
+        return [
+            self._joined(part.topic.path, [chunk[number] for chunk in found], len(part.names))
+            for number, part in enumerate(wanted)
+        ]
 
     def _joined(self, topic: str, parts: Sequence[_Part], signals: int = 0) -> _Part:
         """The parts in order of time. InputError if there are two samples of one time."""
@@ -529,12 +604,12 @@ class Recording:
         for channel in self._samples[topic.path]:
             index = messages.of(channel.id)
             times = index[:, 0]
-            if len(times) and (times % np.uint64(topic.ticks * TICK_NS)).any():
+            if len(times) and (times % np.uint64(topic.ticks * topic.tick_ns)).any():
                 raise DamagedError(f"it has samples of {topic.path} at times at which there are none")
             if len(times) and not (start_ns <= times[0] and (end_ns is None or times[-1] < end_ns) and _rise(times)):
                 index = index[(times >= start_ns) & (True if end_ns is None else times < np.uint64(end_ns))]
             if wanted.every > 1:
-                index = index[index[:, 0] % np.uint64(wanted.every * topic.ticks * TICK_NS) == 0]
+                index = index[index[:, 0] % np.uint64(wanted.every * topic.ticks * topic.tick_ns) == 0]
             if not len(index):
                 continue
             rows = {number: wanted.names.index(name) for number, name in channel.fields.items() if name in wanted.names}
@@ -549,6 +624,38 @@ class Recording:
         if len(parts) == 1:
             return parts[0]
         return self._joined(topic.path, parts, len(wanted.names))
+
+    def _span(self, start: float | None, end: float | None) -> tuple[int, int | None]:
+        """First time and time behind the last [ns]: ticks at or after, forgiving the rounding of decimal fractions."""
+        tick_ns = self.clock.tick_ns
+
+        def next_ns(time: float) -> int:
+            return max(int(np.ceil(round(time * 1e9 / tick_ns, 6))), 0) * tick_ns
+
+        return 0 if start is None else next_ns(start), None if end is None else next_ns(end)
+
+    def _blocks(
+        self, parts: Mapping[str, _Part], poses: tuple[Times, Poses], bodies: int, events: Sequence[Event]
+    ) -> Iterator[Block]:
+        """Blocks of the stretches of ``parts`` in which no sample of the fastest topic is missing."""
+        tick_ns, pose_ticks = np.uint64(self.clock.tick_ns), self.clock.pose_ticks
+        recorded = [self.topics[path] for path, (times, _) in parts.items() if len(times)]
+        if not recorded:
+            return
+        fastest = min(recorded, key=lambda topic: topic.ticks)
+        ticks = (parts[fastest.path][0] // tick_ns).astype(np.int64)
+        posed = (poses[0] // tick_ns).astype(np.int64)
+        for stretch in np.split(ticks, np.flatnonzero(np.diff(ticks) != fastest.ticks) + 1):
+            begin, end = int(stretch[0]), int(stretch[-1]) + fastest.ticks
+            for first in range(begin, end, LONGEST_BLOCK):
+                count = min(end - first, LONGEST_BLOCK)
+                signals = {known.path: _rows(known, self.topics, parts, first, count) for known in self.known_topics}
+                wanted = np.arange(-(-first // pose_ticks) * pose_ticks, first + count, pose_ticks, dtype=np.int64)
+                placed = np.full((len(wanted), bodies, 7), np.nan)
+                _, ours, theirs = np.intersect1d(wanted, posed, return_indices=True)
+                placed[ours] = poses[1][theirs]
+                inside = tuple(event for event in events if first <= event.tick < first + count)
+                yield Block(first, count, signals, placed, inside, self.clock, self.known_topics)
 
     # --- poses -------------------------------------------------------------------------------------------------------
 
@@ -583,16 +690,6 @@ class Recording:
         return times, np.array([poses for _, poses in rows], np.float64).reshape(len(rows), len(self._body_names), 7)
 
 
-def _span(start: float | None, end: float | None) -> tuple[int, int | None]:
-    """First time and time behind the last [ns]."""
-    return 0 if start is None else _next_tick(start) * TICK_NS, None if end is None else _next_tick(end) * TICK_NS
-
-
-def _next_tick(time: float) -> int:
-    """First tick at or after ``time`` [s], forgiving the rounding of decimal fractions."""
-    return max(int(np.ceil(round(time * 1e9 / TICK_NS, 6))), 0)
-
-
 def _rise(times: Times) -> bool:
     return bool((times[1:] > times[:-1]).all())
 
@@ -617,37 +714,15 @@ def _pieces(chunks: Sequence[Chunk]) -> Iterator[tuple[int, int]]:
             yield max(piece, start), min(piece + step, end + 1)
 
 
-def _blocks(
-    topics: Mapping[str, Topic], parts: Mapping[str, _Part], poses: tuple[Times, Poses], bodies: int,
-    events: Sequence[Event],
-) -> Iterator[Block]:  # fmt: skip
-    """Blocks of the stretches of ``parts`` in which no sample of the fastest topic is missing."""
-    recorded = [topics[path] for path, (times, _) in parts.items() if len(times)]
-    if not recorded:
-        return
-    fastest = min(recorded, key=lambda topic: topic.ticks)
-    ticks = (parts[fastest.path][0] // np.uint64(TICK_NS)).astype(np.int64)
-    for stretch in np.split(ticks, np.flatnonzero(np.diff(ticks) != fastest.ticks) + 1):
-        first, count = int(stretch[0]), int(stretch[-1]) + fastest.ticks - int(stretch[0])
-        signals = {known.path: _rows(known, topics, parts, first, count) for known in TOPICS}
-        pose_ticks = np.arange(-(-first // POSE_TICKS) * POSE_TICKS, first + count, POSE_TICKS, dtype=np.int64)
-        placed = np.full((len(pose_ticks), bodies, 7), np.nan)
-        have = (poses[0] // np.uint64(TICK_NS)).astype(np.int64)
-        _, ours, theirs = np.intersect1d(pose_ticks, have, return_indices=True)
-        placed[ours] = poses[1][theirs]
-        inside = tuple(event for event in events if first <= event.tick < first + count)
-        yield Block(first, count, signals, placed, inside)
-
-
-def _rows(known: Topic, topics: Mapping[str, Topic], parts: Mapping[str, _Part], first: int, count: int) -> Array:
+def _rows(known: Topic, recorded: Mapping[str, Topic], parts: Mapping[str, _Part], first: int, count: int) -> Array:
     """Samples of a known topic at its ticks from ``first`` on, shape (rows, signals); NaN where there are none."""
     wanted = np.arange(-(-first // known.ticks) * known.ticks, first + count, known.ticks, dtype=np.int64)
     rows = np.full((len(wanted), len(known.signals)), np.nan)
-    topic = topics.get(known.path)
+    topic = recorded.get(known.path)
     if topic is None:
         return rows
     times, values = parts[known.path]
-    ticks = (times // np.uint64(TICK_NS)).astype(np.int64)
+    ticks = (times // np.uint64(known.tick_ns)).astype(np.int64)
     low, high = np.searchsorted(ticks, (first, first + count))
     if topic.names == known.names and np.array_equal(ticks[low:high], wanted):
         return values[:, low:high].T

@@ -44,11 +44,12 @@ from mcap.records import (
 from mcap.writer import MCAP0_MAGIC
 
 from cls_bench.recording import foxglove
+from cls_bench.recording.clock import CLOCK_KEY, clock_text
 from cls_bench.recording.growing_file import GrowingFile
 from cls_bench.recording.layout import Index, Samples
 from cls_bench.recording.run_info import RunInfo
 from cls_bench.recording.seal import SEAL_KEY, SEAL_METADATA, seal_of
-from cls_bench.signals import EVENTS_TOPIC, POSE_TICKS, TICK_NS, TOPICS, Block, Topic
+from cls_bench.signals import EVENTS_TOPIC, TOPICS, Block, Clock, Topic
 from cls_bench.text import utf8
 
 TRANSFORMS_TOPIC = "/tf"
@@ -74,13 +75,16 @@ PARAMETERS_ATTACHMENT = "parameters.json"
 class McapRecorder:
     """An MCAP file that grows by one chunk with every block and is readable up to the last of them.
 
-    Of ``topics``, made of those of :data:`cls_bench.signals.TOPICS`, the signals and ticks they have are recorded;
-    without ``poses`` neither the bodies' shapes nor their motion. Raises :class:`OSError` when the file cannot be
-    created or written.
+    Of ``topics``, made of those of the run, the signals and ticks they have are recorded; without ``poses`` neither the
+    bodies' shapes nor their motion. Raises :class:`OSError` when the file cannot be created or written, ValueError for
+    topics or blocks of another clock than the run's.
     """
 
     def __init__(self, path: Path, info: RunInfo, *, topics: Sequence[Topic] = TOPICS, poses: bool = True):
         self._topics = tuple(topics)
+        self._clock = info.clock
+        if any(topic.tick_ns != self._clock.tick_ns for topic in self._topics):
+            raise ValueError(f"the topics are of another clock than {self._clock}")
         self._has_poses = poses
         self._events_id, self._transforms_id, self._scene_id = (len(self._topics) + number for number in (1, 2, 3))
         self._schemas, self._channels = self._schemas_and_channels()
@@ -115,12 +119,14 @@ class McapRecorder:
 
     def write(self, block: Block) -> None:
         """Append ``block`` as a chunk and flush. Raises :class:`OSError` when the file cannot be written."""
+        if block.clock != self._clock:
+            raise ValueError(f"a block of {block.clock} in a recording at {self._clock}")
         self._append(block)
         self._ticks = block.end_tick
 
     def _append(self, block: Block) -> None:
         samples = Samples(self._topics, block)
-        data, indexes = _insert(samples, self._extras(block))
+        data, indexes = _insert(samples, self._extras(block), self._clock)
         indexes = {channel: index for channel, index in sorted(indexes.items()) if len(index)}
         if not indexes:
             return
@@ -193,16 +199,16 @@ class McapRecorder:
         if self._has_poses:
             if not self._counts[self._scene_id]:
                 found.insert(0, (block.first_tick, self._scene_id, self._scene))
-            for tick, poses in zip(block.row_ticks(POSE_TICKS).tolist(), block.poses, strict=True):
-                found.append((tick, self._transforms_id, self._transforms(tick, poses)))
+            for tick, poses in zip(block.row_ticks(self._clock.pose_ticks).tolist(), block.poses, strict=True):
+                found.append((tick, self._transforms_id, self._transforms(tick * self._clock.tick_ns, poses)))
         found.sort(key=lambda entry: entry[0])
         numbers = {channel: itertools.count(count) for channel, count in self._counts.items()}
         return [
             Message(
                 channel_id=channel,
                 sequence=next(numbers[channel]),
-                log_time=tick * TICK_NS,
-                publish_time=tick * TICK_NS,
+                log_time=tick * self._clock.tick_ns,
+                publish_time=tick * self._clock.tick_ns,
                 data=data,
             )
             for tick, channel, data in found
@@ -214,6 +220,7 @@ class McapRecorder:
 
         def add(topic: str, name: str, schema: bytes, metadata: dict[str, str]) -> None:
             number = len(schemas) + 1
+            metadata = {**metadata, CLOCK_KEY: clock_text(self._clock)}
             schemas.append(Schema(id=number, name=name, encoding="protobuf", data=schema))
             channels.append(
                 Channel(id=number, topic=topic, message_encoding="protobuf", schema_id=number, metadata=metadata)
@@ -327,12 +334,12 @@ def _message_index(channel: int, index: Index) -> bytes:
     return struct.pack("<BQHI", Opcode.MESSAGE_INDEX, 6 + len(entries), channel, len(entries)) + entries
 
 
-def _insert(samples: Samples, extras: list[Message]) -> tuple[bytes, dict[int, Index]]:
+def _insert(samples: Samples, extras: list[Message], clock: Clock) -> tuple[bytes, dict[int, Index]]:
     """Put each of ``extras``, sorted by time, before the samples of its tick; returns the chunk and its indexes."""
     if not extras:
         return samples.data, samples.indexes
     end = len(samples.data)
-    places = [min(max(samples.position(extra.log_time // TICK_NS), 0), end) for extra in extras]
+    places = [min(max(samples.position(extra.log_time // clock.tick_ns), 0), end) for extra in extras]
     records = [_serialized([extra]) for extra in extras]
     shifts = np.concatenate([[0], np.cumsum([len(record) for record in records])]).astype(np.uint64)
     pieces = [samples.data[: places[0]]]

@@ -14,7 +14,7 @@ from cls_bench.claims import cannot_write, remove, remove_empty
 from cls_bench.errors import OutputError
 from cls_bench.recording.mcap_writer import McapRecorder
 from cls_bench.recording.run_info import RunInfo
-from cls_bench.signals import TICK_S, TOPICS, Block, Topic
+from cls_bench.signals import TOPICS, Block, Topic
 
 QUEUE_BLOCKS = 2
 """Blocks that may wait to be encoded; then :meth:`Recorder.write` waits too, so that memory does not grow."""
@@ -74,6 +74,7 @@ class Recorder:
                 remove(self.mcap_path)
             remove_empty(*(path for path in (self.mcap_path, self.rrd_path) if path is not None))
             raise
+        self._clock = info.clock
         self._mcap = _Lane(self.mcap_path, mcap, QUEUE_BLOCKS)
         self._lanes = [self._mcap]
         if self.rrd_path is not None:
@@ -82,7 +83,8 @@ class Recorder:
     @property
     def written_s(self) -> float:
         """Simulated time [s] up to which the files hold the run, whatever becomes of this process."""
-        return min(lane.written_ticks for lane in self._lanes if lane is self._mcap or lane.error is None) * TICK_S
+        written = min(lane.written_ticks for lane in self._lanes if lane is self._mcap or lane.error is None)
+        return self._clock.time(written)
 
     def write(self, block: Block) -> None:
         """Hand over ``block``; waits while others are waiting. Raises :class:`OutputError`."""

@@ -2,13 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from cls_bench.signals import EVENTS_TOPIC
+from cls_bench.signals import EVENTS_TOPIC, MOST_STAGES, Topic, axes_of
 
 TIMELINE = "sim_time"
 """Timeline of all data: time since the start of the run."""
@@ -21,10 +22,11 @@ MODEL: Color = (255, 138, 76)
 MOTOR: Color = (47, 199, 157)
 STAGE1: Color = (204, 121, 167)
 STAGE2: Color = (240, 228, 66)
+STAGE3: Color = (0, 114, 178)
 QUIET: Color = (140, 148, 156)
 """Colours by meaning, as in the reports: Okabe and Ito's, which colour-blind people can tell apart."""
 
-PALETTE = np.array([MEASURED, PILOT, MOTOR, STAGE1, STAGE2, MODEL, (0, 114, 178), QUIET], np.uint8)
+PALETTE = np.array([MEASURED, PILOT, MOTOR, STAGE1, STAGE2, MODEL, STAGE3, QUIET], np.uint8)
 """Colours of the raw topics' signals, in column order."""
 
 BENCH = "bench"
@@ -53,12 +55,19 @@ Curve = tuple[str, str, str, Color]
 
 @dataclass(frozen=True)
 class Plot:
-    """A plot of signals from several topics; ``scale`` converts from their SI unit to that of the title."""
+    """A plot of signals from several topics of an axis; ``scale`` converts from their SI unit to that of the title."""
 
     entity: str
     title: str
     curves: tuple[Curve, ...]
+    """of those that were recorded, what is drawn"""
     scale: float = 1.0
+
+
+def _stages(what: str) -> tuple[Curve, ...]:
+    colors = (STAGE1, STAGE2, STAGE3)
+    numbers = range(1, MOST_STAGES + 1)
+    return tuple(("/gearbox", f"stage{n}_{what}", f"stage {n} [N·m]", colors[n - 1]) for n in numbers)
 
 
 TORQUE = Plot("/plots/torque", "Torque at the column [N·m]", (
@@ -73,12 +82,8 @@ MOTOR_TORQUE = Plot("/plots/motor_torque", "Motor torque [N·m]", (
 MOTOR_SPEED = Plot("/plots/motor_speed_rpm", "Motor speed [1/min]", (
     ("/drive", "velocity", "measured [1/min]", MEASURED), ("/drive", "set_velocity", "set [1/min]", MODEL),
 ), RPM)  # fmt: skip
-MESH_TORQUE = Plot("/plots/mesh_torque", "Torque through the meshes [N·m]", (
-    ("/gearbox", "stage1_torque", "stage 1 [N·m]", STAGE1), ("/gearbox", "stage2_torque", "stage 2 [N·m]", STAGE2),
-))  # fmt: skip
-MESH_FRICTION = Plot("/plots/mesh_friction", "Friction at the stages' inputs [N·m]", (
-    ("/gearbox", "stage1_friction", "stage 1 [N·m]", STAGE1), ("/gearbox", "stage2_friction", "stage 2 [N·m]", STAGE2),
-))  # fmt: skip
+MESH_TORQUE = Plot("/plots/mesh_torque", "Torque through the meshes [N·m]", _stages("torque"))
+MESH_FRICTION = Plot("/plots/mesh_friction", "Friction at the stages' inputs [N·m]", _stages("friction"))
 PLOTS = (TORQUE, ANGLE, MOTOR_TORQUE, MOTOR_SPEED, MESH_TORQUE, MESH_FRICTION)
 
 
@@ -88,13 +93,31 @@ def lines(names: Sequence[str], colors: NDArray[np.uint8] | Sequence[Color]) -> 
     return rr.SeriesLines(names=names, colors=np.asarray(colors, np.uint8), aggregation_policy=policy)
 
 
-def blueprint(prefixes: Sequence[str], titles: Sequence[str]) -> rrb.Blueprint:
+class Shown(NamedTuple):
+    """A run as the viewer is to show it."""
+
+    prefix: str
+    """root of its entities"""
+    title: str
+    topics: Sequence[Topic]
+
+
+def axes(topics: Sequence[Topic]) -> tuple[str, ...]:
+    """The axes of a run, one of no name if there is nothing to show either."""
+    return axes_of(topics) or ("",)
+
+
+def root(prefix: str, axis: str) -> str:
+    """Root of the entities of an axis, in a run whose own root is ``prefix``."""
+    return f"{prefix}/{axis}" if axis else prefix
+
+
+def blueprint(shown: Sequence[Shown]) -> rrb.Blueprint:
     """The arrangement: bench and torque over displacement on the left, the curves on the right; of several runs, a
-    column each. ``prefixes`` are the roots of the runs' entities.
+    column each. The axes of a run are tabs.
     """
     linked = rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal)
-    runs = [_one(prefix, linked) if len(prefixes) == 1 else _narrow(prefix, title, linked)
-            for prefix, title in zip(prefixes, titles, strict=True)]  # fmt: skip
+    runs = [_one(run, linked) if len(shown) == 1 else _narrow(run, linked) for run in shown]
     return rrb.Blueprint(
         runs[0] if len(runs) == 1 else rrb.Horizontal(*runs),
         rrb.BlueprintPanel(state="collapsed"),
@@ -104,29 +127,61 @@ def blueprint(prefixes: Sequence[str], titles: Sequence[str]) -> rrb.Blueprint:
     )
 
 
-def _one(prefix: str, linked: rrb.TimeAxis) -> rrb.Container:
-    def plot(plot: Plot) -> rrb.View:
-        return _plot(prefix, plot, linked)
+def _tabs(views: Sequence[rrb.View | rrb.Container]) -> rrb.View | rrb.Container:
+    """One view as it is, several as tabs."""
+    return views[0] if len(views) == 1 else rrb.Tabs(*views)
 
-    left = rrb.Vertical(_bench(prefix), _torque_over_angle(prefix), row_shares=[3, 2])
-    details = rrb.Tabs(
-        rrb.Horizontal(plot(MOTOR_TORQUE), plot(MOTOR_SPEED), name="Drive"),
-        rrb.Horizontal(plot(MESH_TORQUE), plot(MESH_FRICTION), name="Gearbox"),
-    )
-    right = rrb.Vertical(
-        plot(ANGLE), plot(TORQUE), details, _lanes(prefix, linked), _texts(prefix), row_shares=[2.5, 2.5, 2.7, 3.2, 1.4]
-    )
+
+def _one(run: Shown, linked: rrb.TimeAxis) -> rrb.Container:
+    names = axes(run.topics)
+    loops = [_torque_over_angle(root(run.prefix, axis), axis) for axis in names]
+    left = rrb.Vertical(_bench(run.prefix), _tabs(loops), row_shares=[3, 2])
+    texts = _texts(run.prefix)
+    if len(names) == 1:
+        views, shares = _curves(run, names[0], linked)
+        right = rrb.Vertical(*views, texts, row_shares=[*shares, 1.4])
+    else:
+        groups = []
+        for axis in names:
+            views, shares = _curves(run, axis, linked)
+            groups.append(rrb.Vertical(*views, row_shares=shares, name=axis))
+        right = rrb.Vertical(_tabs(groups), texts, row_shares=[11, 1.4])
     return rrb.Horizontal(left, right, column_shares=[2, 3])
 
 
-def _narrow(prefix: str, title: str, linked: rrb.TimeAxis) -> rrb.Container:
-    views = [
-        _bench(prefix, f"Bench: {title}"),
-        _torque_over_angle(prefix),
-        _plot(prefix, ANGLE, linked),
-        _plot(prefix, TORQUE, linked),
+def _curves(run: Shown, axis: str, linked: rrb.TimeAxis) -> tuple[list[rrb.View | rrb.Container], list[float]]:
+    """The curves and lanes of an axis, and their shares of the height."""
+    place = root(run.prefix, axis)
+
+    def plots(name: str, *plots: Plot) -> list[rrb.Container]:
+        there = {topic.path for topic in run.topics}
+        found = [plot for plot in plots if any(f"{root('', axis)}{topic}" in there for topic, *_ in plot.curves)]
+        return [rrb.Horizontal(*(_plot(place, plot, linked) for plot in found), name=name)] if found else []
+
+    details = [*plots("Drive", MOTOR_TORQUE, MOTOR_SPEED), *plots("Gearbox", MESH_TORQUE, MESH_FRICTION)]
+    views: list[rrb.View | rrb.Container] = [_plot(place, ANGLE, linked), _plot(place, TORQUE, linked)]
+    views += [rrb.Tabs(*details)] if details else []
+    return [*views, _lanes(place, linked)], [2.5, 2.5, *([2.7] if details else []), 3.2]
+
+
+def _narrow(run: Shown, linked: rrb.TimeAxis) -> rrb.Container:
+    groups = []
+    names = axes(run.topics)
+    for axis in names:
+        place = root(run.prefix, axis)
+        groups.append([
+            (_torque_over_angle(place, axis), 3.0), (_plot(place, ANGLE, linked), 2.0),
+            (_plot(place, TORQUE, linked), 2.0), (_lanes(place, linked), 1.5),
+        ])  # fmt: skip
+    bench = _bench(run.prefix, f"Bench: {run.title}")
+    if len(groups) == 1:
+        views, shares = zip(*groups[0], strict=True)
+        return rrb.Vertical(bench, *views, row_shares=[3, *shares], name=run.title)
+    tabs = [
+        rrb.Vertical(*(view for view, _ in group), row_shares=[share for _, share in group], name=axis)
+        for axis, group in zip(names, groups, strict=True)
     ]
-    return rrb.Vertical(*views, _lanes(prefix, linked), row_shares=[3, 3, 2, 2, 1.5], name=title)
+    return rrb.Vertical(bench, _tabs(tabs), row_shares=[3, 8.5], name=run.title)
 
 
 def _bench(prefix: str, name: str = "Bench") -> rrb.View:
@@ -139,10 +194,10 @@ def _bench(prefix: str, name: str = "Bench") -> rrb.View:
     )
 
 
-def _torque_over_angle(prefix: str) -> rrb.View:
+def _torque_over_angle(prefix: str, axis: str) -> rrb.View:
     return rrb.Spatial2DView(
         origin=f"{prefix}/{TORQUE_OVER_ANGLE}",
-        name="Torque over displacement (blue: power on, orange: off)",
+        name=f"{axis + ': t' if axis else 'T'}orque over displacement (blue: power on, orange: off)",
         background=(20, 22, 25),
         visual_bounds=rrb.VisualBounds2D(x_range=(-1.75, 1.75), y_range=(-1.2, 1.25)),
     )

@@ -18,21 +18,18 @@ from cls_bench.recording.layout import rows_of
 from cls_bench.recording.mcap_reader import Recording
 from cls_bench.recording.rerun_file import RerunFile
 from cls_bench.recording.run_info import RunInfo
-from cls_bench.signals import EVENTS_TOPIC, PLC_TICKS, POSE_TICKS, TICK_NS, TOPIC, TOPICS, Block, Event, Topic
+from cls_bench.signals import EVENTS_TOPIC, TOPICS, Block, Event, Topic
 from cls_bench.text import utf8
 
 Array = NDArray[np.float64]
 Ticks = NDArray[np.int64]
 Named = tuple[str, str]
 
-VIEW_TICKS = PLC_TICKS
-"""Samples are drawn at the PLC's rate, 2.5 kHz: rows whose tick is divisible by this."""
+LOOP_S = 0.002
+"""Torque over displacement is drawn at some 500 Hz: time between its points [s]."""
 
-LOOP_TICKS = 40
-"""Torque over displacement is drawn at 500 Hz."""
-
-BATCH_TICKS = 8_000
-"""Ticks that are sent at once (0.4 s): as much as a killed run loses; larger chunks make the viewer quicker."""
+BATCH_S = 0.4
+"""What is sent at once [s]: as much as a killed run loses; larger chunks make the viewer quicker."""
 
 LEVELS = {"info": rr.TextLogLevel.INFO, "warning": rr.TextLogLevel.WARN, "error": rr.TextLogLevel.ERROR}
 """Log levels of :class:`cls_bench.signals.Event` in Rerun's terms."""
@@ -41,16 +38,16 @@ APPLICATION = "cls-bench"
 
 
 class RerunRecorder:
-    """An .rrd file with the topics at 2.5 kHz, events, the moving bench and a layout that shows them.
+    """An .rrd file with the topics at the PLC's rate, events, the moving bench and a layout that shows them.
 
-    Of topics that are sampled faster, the rows whose tick is divisible by :data:`VIEW_TICKS` are kept: analyses read
-    the MCAP file. Data go to the file every 0.4 s of simulated time; torque over displacement, whose scales are known
-    at the end, when it is finished. ``topics`` and ``poses`` as for :class:`McapRecorder`. Raises :class:`OSError` when
-    the file cannot be created or written.
+    Of topics that are sampled faster, the rows at the PLC's ticks are kept: analyses read the MCAP file. Data go to the
+    file every 0.4 s of simulated time; torque over displacement, whose scales are known at the end, when it is
+    finished. ``topics`` and ``poses`` as for :class:`McapRecorder`. Raises :class:`OSError` when the file cannot be
+    created or written.
     """
 
     def __init__(self, path: Path, info: RunInfo, *, topics: Sequence[Topic] = TOPICS, poses: bool = True):
-        self._file = _opened(path, [""], [info.scenario_name])
+        self._file = _opened(path, [layout.Shown("", info.scenario_name, topics)])
         try:
             self._file.stream.send_recording_name(info.scenario_name)
             self._file.stream.send_property("run", _run_properties(info))
@@ -95,13 +92,14 @@ def write_rrd(recordings: Sequence[Recording], path: Path) -> None:
     prefixes = [""] if alone else [f"/run_{number}" for number in range(1, len(recordings) + 1)]
     infos = [recording.run_info() for recording in recordings]
     titles = [infos[0].scenario_name] if alone else [utf8(recording.path.stem) for recording in recordings]
-    file = _opened(path, prefixes, titles)
+    known = [_known(recording) for recording in recordings]
+    file = _opened(path, [layout.Shown(*run) for run in zip(prefixes, titles, known, strict=True)])
     try:
         file.stream.send_recording_name(" and ".join(titles))
         if alone:
             file.stream.send_property("run", _run_properties(infos[0]))
-        for prefix, info, recording in zip(prefixes, infos, recordings, strict=True):
-            run = _Run(file, info, prefix, _known(recording))
+        for prefix, info, topics, recording in zip(prefixes, infos, known, recordings, strict=True):
+            run = _Run(file, info, prefix, topics)
             for block in recording.blocks():
                 run.write(block)
             run.finish()
@@ -116,16 +114,17 @@ def write_rrd(recordings: Sequence[Recording], path: Path) -> None:
 def _known(recording: Recording) -> list[Topic]:
     """The topics of a recording as its blocks hold them: of those there are, with the rows that were recorded."""
     found = []
+    known = {topic.path: topic for topic in recording.known_topics}
     for topic in recording.topics.values():
-        if (ours := TOPIC.get(topic.path)) is not None:
+        if (ours := known.get(topic.path)) is not None:
             signals = tuple(signal for signal in ours.signals if signal.name in topic.names)
             ticks = ours.ticks if topic.ticks % ours.ticks else topic.ticks
             found.append(replace(ours, signals=signals, ticks=ticks))
     return [topic for topic in found if topic.signals]
 
 
-def _opened(path: Path, prefixes: Sequence[str], titles: Sequence[str]) -> RerunFile:
-    return RerunFile(path, APPLICATION, layout.blueprint(prefixes, titles))
+def _opened(path: Path, shown: Sequence[layout.Shown]) -> RerunFile:
+    return RerunFile(path, APPLICATION, layout.blueprint(shown))
 
 
 class _Batch:
@@ -168,153 +167,200 @@ class _Run:
         self, file: RerunFile, info: RunInfo, prefix: str, topics: Sequence[Topic], *, poses: bool = True
     ):
         self.written_ticks = 0
-        self._file, self._stream = file, file.stream
+        self.file, self.clock = file, info.clock
+        view = self.clock.plc_ticks
+        self.topics = {t.path: t if view % t.ticks else replace(t, ticks=view) for t in topics}
         self._prefix = prefix
-        self._topics = {
-            t.path: t if VIEW_TICKS % t.ticks else replace(t, ticks=VIEW_TICKS) for t in topics
-        }  # fmt: skip
         self._has_poses = poses
         names = [name or f"body {i}" for i, name in enumerate(info.body_names)]
         self._bodies = [f"{prefix}/" + rr.new_entity_path([layout.BENCH, name]).lstrip("/") for name in names]
-        arrows_on = ("column", "rod_end")
-        self._arrow_bodies = [names.index(name) for name in arrows_on] if set(arrows_on) <= set(names) else None
-        self._parts: dict[str, list[tuple[Ticks, Array]]] = {path: [] for path in self._topics}
+        self._axes = [_Axis(self, prefix, axis, names, info.parameters) for axis in layout.axes(topics)]
+        self._parts: dict[str, list[tuple[Ticks, Array]]] = {path: [] for path in self.topics}
         self._pose_ticks: list[Ticks] = []
         self._poses: list[Array] = []
         self._pending_ticks = 0
-        self._loop: list[Array] = []  # time [tick], angle [rad], torque [N·m], powered
-        self._states: dict[str, str] = {}
         self._said: dict[str, layout.Color] = {}  # event -> colour
-        self._limits = _travel_limits(info.parameters)
         self._send_static(info)
 
     def write(self, block: Block) -> None:
         """Take over ``block``."""
-        for path, topic in self._topics.items():
+        if block.clock != self.clock:
+            raise ValueError(f"a block of {block.clock} in a view at {self.clock}")
+        for path, topic in self.topics.items():
             self._parts[path].append((block.row_ticks(topic.ticks), rows_of(topic, block)))
         if self._has_poses:
-            self._pose_ticks.append(block.row_ticks(POSE_TICKS))
+            self._pose_ticks.append(block.row_ticks(self.clock.pose_ticks))
             self._poses.append(block.poses)
         self._pending_ticks += block.ticks
         self._send_events(block.events)
-        if self._pending_ticks >= BATCH_TICKS:
+        if self.clock.time(self._pending_ticks) >= BATCH_S:
             self._send_pending()
             self.written_ticks = block.end_tick
 
     def finish(self) -> None:
         """Send what is pending, and what is known now that all was seen."""
         self._send_pending()
-        self._send_loop()
+        for axis in self._axes:
+            axis.send_loop()
         if self._said:
             look = rr.StateConfiguration(values=list(self._said), colors=list(self._said.values()))
-            self._log(layout.EVENT_LANE, look)
+            for axis in self._axes:
+                self.log(axis.at(layout.EVENT_LANE), look)
+
+    def log(self, entity: str, archetype: rr.AsComponents) -> None:
+        """Send what holds for all time."""
+        self.file.stream.log(entity, archetype, static=True)
+
+    def send(self, entity: str, ticks: Ticks, columns: Any) -> None:
+        """Send what belongs to ``ticks``."""
+        self.file.stream.send_columns(entity, [self.time(ticks)], columns)
+
+    def time(self, ticks: Ticks) -> rr.TimeColumn:
+        """Ticks on the timeline, in integer nanoseconds: float seconds would be off by one now and then."""
+        return rr.TimeColumn(layout.TIMELINE, duration=(ticks * self.clock.tick_ns).astype("timedelta64[ns]"))
 
     def _at(self, entity: str) -> str:
         return f"{self._prefix}/{entity.lstrip('/')}"
 
-    def _log(self, entity: str, archetype: rr.AsComponents) -> None:
-        self._stream.log(self._at(entity), archetype, static=True)
-
     def _send_static(self, info: RunInfo) -> None:
-        for topic in self._topics.values():
+        for topic in self.topics.values():
             names = [f"{signal.name} [{signal.unit}]" for signal in topic.signals]
-            self._log(topic.path, layout.lines(names, layout.PALETTE[np.arange(len(names)) % len(layout.PALETTE)]))
-        for plot in layout.PLOTS:
-            if curves := self._curves(plot):
-                self._log(plot.entity, layout.lines([c[2] for c in curves], [c[3] for c in curves]))
+            look = layout.lines(names, layout.PALETTE[np.arange(len(names)) % len(layout.PALETTE)])
+            self.log(self._at(topic.path), look)
         scenario = info.scenario_toml.decode(errors="replace")
         fence = "`" * max(3, 1 + max((len(run) for run in re.findall("`+", scenario)), default=0))
         text = f"{fence}toml\n{scenario}\n{fence}"
-        self._log(layout.SCENARIO, rr.TextDocument(text, media_type="text/markdown"))
-        self._log(layout.BENCH, rr.ViewCoordinates.RIGHT_HAND_Z_UP)
+        self.log(self._at(layout.SCENARIO), rr.TextDocument(text, media_type="text/markdown"))
+        self.log(self._at(layout.BENCH), rr.ViewCoordinates.RIGHT_HAND_Z_UP)
         for body, kind in sorted({(geom.body, geom.kind) for geom in info.geoms}):
             geoms = [geom for geom in info.geoms if (geom.body, geom.kind) == (body, kind)]
             for number, archetype in enumerate(rerun_scene.archetypes(kind, geoms)):
-                self._stream.log(f"{self._bodies[body]}/{kind}_{number}", archetype, static=True)
-        if self._arrow_bodies:
-            colors = [layout.PILOT, layout.MEASURED]
-            look = rr.Arrows3D.from_fields(colors=colors, radii=[0.006], labels=list(ARROWS), show_labels=False)
-            self._log(layout.FORCES, look)
-        for lane, states in (
-            (layout.DRIVE_LANE, layout.DRIVE_STATES),
-            (layout.HAND_LANE, layout.HAND_STATES),
-            (layout.TRAVEL_LANE, layout.TRAVEL_STATES),
-        ):
-            self._log(lane, rr.StateConfiguration(values=list(states), colors=list(states.values())))
+                self.log(f"{self._bodies[body]}/{kind}_{number}", archetype)
+        for axis in self._axes:
+            axis.send_static()
 
     def _send_events(self, events: Sequence[Event]) -> None:
         if not events:
             return
-        time = [_time(np.array([event.tick for event in events]))]
+        ticks = np.array([event.tick for event in events])
         text = [f"{event.source}: {event.message}" for event in events]
         levels = [LEVELS[event.level] for event in events]
         self._said |= {line: layout.LEVEL_COLORS[event.level] for line, event in zip(text, events, strict=True)}
-        self._stream.send_columns(self._at(EVENTS_TOPIC), time, rr.TextLog.columns(text=text, level=levels))
-        self._stream.send_columns(self._at(layout.EVENT_LANE), time, rr.StateChange.columns(state=text))
-
-    def _curves(self, plot: layout.Plot) -> list[layout.Curve]:
-        """The curves of a plot whose signals were recorded."""
-        batch = _Batch({}, self._topics)
-        return [curve for curve in plot.curves if batch.has(curve[:2])]
+        self.send(self._at(EVENTS_TOPIC), ticks, rr.TextLog.columns(text=text, level=levels))
+        for axis in self._axes:
+            self.send(axis.at(layout.EVENT_LANE), ticks, rr.StateChange.columns(state=text))
 
     def _send_pending(self) -> None:
         """Send all that was collected, and wait until it is written: the file sets the pace."""
         if not self._pending_ticks:
             return
-        batch = _Batch(self._parts, self._topics)
-        self._send_samples(batch)
+        batch = _Batch(self._parts, self.topics)
+        for path in self.topics:
+            self.send_scalars(self._at(path), *batch.topic(path))
+        for axis in self._axes:
+            axis.send_samples(batch)
         if self._poses:
             pose_ticks, poses = np.concatenate(self._pose_ticks), np.concatenate(self._poses)
             if len(pose_ticks):
-                self._send_poses(pose_ticks, poses, batch)
-        self._file.flush()
-        self._parts = {path: [] for path in self._topics}
+                self._send_poses(pose_ticks, poses)
+                for axis in self._axes:
+                    axis.send_arrows(pose_ticks, poses, batch)
+        self.file.flush()
+        self._parts = {path: [] for path in self.topics}
         self._pose_ticks.clear()
         self._poses.clear()
         self._pending_ticks = 0
 
-    def _send_samples(self, batch: _Batch) -> None:
-        for path in self._topics:
-            self._send_scalars(path, *batch.topic(path))
-        for plot in layout.PLOTS:
-            ticks, rows = batch.columns(*(curve[:2] for curve in self._curves(plot)))
-            self._send_scalars(plot.entity, ticks, rows * plot.scale)
-        ticks, voltage = batch.columns(("/drive", "voltage"))
-        powered = _powered(voltage[:, 0] != 0.0)
-        self._send_states(layout.DRIVE_LANE, ticks, np.where(powered, "power on", "power off"))
-        ticks, squeeze = batch.columns(("/pilot", "squeeze"))
-        self._send_states(layout.HAND_LANE, ticks, _hand_states(squeeze[:, 0]))
-        if self._limits:
-            ticks, angle = batch.columns(("/column", "angle"))
-            beyond = np.digitize(np.abs(angle[:, 0]), self._limits)
-            self._send_states(layout.TRAVEL_LANE, ticks, np.array(list(layout.TRAVEL_STATES))[beyond])
-        loop = ("/column", "angle"), ("/load_cell", "torque"), ("/drive", "voltage")
-        ticks, rows = batch.columns(*loop[: 3 if batch.has(loop[2]) else 2])
-        powered = _powered(rows[:, 2] != 0.0) if rows.shape[1] > 2 else np.ones(len(rows), np.bool_)
-        kept = ticks % LOOP_TICKS == 0
-        self._loop.append(np.stack([ticks, rows[:, 0], rows[:, 1], powered], axis=1)[kept])
-
-    def _send_scalars(self, entity: str, ticks: Ticks, rows: Array) -> None:
+    def send_scalars(self, entity: str, ticks: Ticks, rows: Array) -> None:
+        """Send the curves of an entity, shape (ticks, curves)."""
         if len(ticks):
-            scalars = rr.Scalars.columns(scalars=np.ascontiguousarray(rows))
-            self._stream.send_columns(self._at(entity), [_time(ticks)], scalars)
+            self.send(entity, ticks, rr.Scalars.columns(scalars=np.ascontiguousarray(rows)))
 
-    def _send_poses(self, ticks: Ticks, poses: Array, batch: _Batch) -> None:
-        time = [_time(ticks)]
+    def _send_poses(self, ticks: Ticks, poses: Array) -> None:
         for number, entity in enumerate(self._bodies[1:], start=1):
             translation, quaternion = poses[:, number, :3], poses[:, number, [4, 5, 6, 3]]  # w x y z -> x y z w
-            transform = rr.Transform3D.columns(translation=translation, quaternion=quaternion)
-            self._stream.send_columns(entity, time, transform)
-        if self._arrow_bodies is None:
+            self.send(entity, ticks, rr.Transform3D.columns(translation=translation, quaternion=quaternion))
+
+
+class _Axis:
+    """Sends what is shown of one axis of a run: plots, lanes, torque over displacement, forces."""
+
+    def __init__(self, run: _Run, prefix: str, axis: str, bodies: Sequence[str], parameters: Mapping[str, Any]):
+        self._run, self._axis = run, axis
+        self._root = layout.root(prefix, axis)
+        column, rod_end = (f"{axis}/{name}" if axis else name for name in ("column", "rod_end"))
+        self._bodies = [bodies.index(name) for name in (column, rod_end) if name in bodies]
+        self._has_arrows = column in bodies
+        self._limits = _travel_limits(parameters, axis)
+        self._loop: list[Array] = []  # time [tick], angle [rad], torque [N·m], powered
+        self._states: dict[str, str] = {}
+        clock = run.clock
+        self._loop_ticks = clock.plc_ticks * max(1, round(LOOP_S / clock.plc_s))
+
+    def at(self, entity: str) -> str:
+        """The entity's path in the file."""
+        return f"{self._root}/{entity.lstrip('/')}"
+
+    def _named(self, topic: str, name: str) -> Named:
+        return f"/{self._axis}{topic}" if self._axis else topic, name
+
+    def _curves(self, plot: layout.Plot) -> list[layout.Curve]:
+        """The curves of a plot whose signals were recorded."""
+        batch = _Batch({}, self._run.topics)
+        return [curve for curve in plot.curves if batch.has(self._named(*curve[:2]))]
+
+    def send_static(self) -> None:
+        """Send how things look."""
+        for plot in layout.PLOTS:
+            if curves := self._curves(plot):
+                self._run.log(self.at(plot.entity), layout.lines([c[2] for c in curves], [c[3] for c in curves]))
+        if self._has_arrows:
+            arrows = rr.Arrows3D.from_fields(
+                colors=[layout.PILOT, layout.MEASURED][: len(self._bodies)], radii=[0.006],
+                labels=list(ARROWS)[: len(self._bodies)], show_labels=False,
+            )  # fmt: skip
+            self._run.log(self.at(layout.FORCES), arrows)
+        for lane, states in (
+            (layout.DRIVE_LANE, layout.DRIVE_STATES),
+            (layout.HAND_LANE, layout.HAND_STATES),
+            (layout.TRAVEL_LANE, layout.TRAVEL_STATES),
+        ):
+            look = rr.StateConfiguration(values=list(states), colors=list(states.values()))
+            self._run.log(self.at(lane), look)
+
+    def send_samples(self, batch: _Batch) -> None:
+        """Send plots and lanes, and keep what is drawn over displacement."""
+        for plot in layout.PLOTS:
+            ticks, rows = batch.columns(*(self._named(*curve[:2]) for curve in self._curves(plot)))
+            self._run.send_scalars(self.at(plot.entity), ticks, rows * plot.scale)
+        ticks, voltage = batch.columns(self._named("/drive", "voltage"))
+        powered = _powered(voltage[:, 0] != 0.0)
+        self._send_states(layout.DRIVE_LANE, ticks, np.where(powered, "power on", "power off"))
+        ticks, squeeze = batch.columns(self._named("/pilot", "squeeze"))
+        self._send_states(layout.HAND_LANE, ticks, _hand_states(squeeze[:, 0]))
+        if self._limits:
+            ticks, angle = batch.columns(self._named("/column", "angle"))
+            beyond = np.digitize(np.abs(angle[:, 0]), self._limits)
+            self._send_states(layout.TRAVEL_LANE, ticks, np.array(list(layout.TRAVEL_STATES))[beyond])
+        loop = [self._named(*s) for s in (("/column", "angle"), ("/load_cell", "torque"), ("/drive", "voltage"))]
+        ticks, rows = batch.columns(*loop[: 3 if batch.has(loop[2]) else 2])
+        powered = _powered(rows[:, 2] != 0.0) if rows.shape[1] > 2 else np.ones(len(rows), np.bool_)
+        kept = ticks % self._loop_ticks == 0
+        self._loop.append(np.stack([ticks, rows[:, 0], rows[:, 1], powered], axis=1)[kept])
+
+    def send_arrows(self, ticks: Ticks, poses: Array, batch: _Batch) -> None:
+        """Send the forces on the column: the hand's, and the rod's if there is one."""
+        if not self._has_arrows:
             return
-        sampled, forces = batch.columns(("/pilot", "hand_force"), ("/load_cell", "force"))
+        wanted = [self._named("/pilot", "hand_force"), self._named("/load_cell", "force")]
+        sampled, forces = batch.columns(*wanted)
         both, at, of = np.intersect1d(ticks, sampled, return_indices=True)
         if len(both):
-            column, rod_end = (poses[at, number] for number in self._arrow_bodies)
-            origins, vectors = force_arrows(column, rod_end, forces[of, 0], forces[of, 1])
+            column, last = poses[at, self._bodies[0]], poses[at, self._bodies[-1]]
+            count = len(self._bodies)
+            origins, vectors = (part[:, :count] for part in force_arrows(column, last, forces[of, 0], forces[of, 1]))
             arrows = rr.Arrows3D.columns(origins=origins.reshape(-1, 3), vectors=vectors.reshape(-1, 3))
-            pairs = arrows.partition(np.full(len(both), len(ARROWS)))
-            self._stream.send_columns(self._at(layout.FORCES), [_time(both)], pairs)
+            self._run.send(self.at(layout.FORCES), both, arrows.partition(np.full(len(both), count)))
 
     def _send_states(self, lane: str, ticks: Ticks, states: NDArray[np.str_]) -> None:
         """Send the changes of a lane's state."""
@@ -325,9 +371,9 @@ class _Run:
         self._states[lane] = str(states[-1])
         if changed.any():
             changes = rr.StateChange.columns(state=states[changed].tolist())
-            self._stream.send_columns(self._at(lane), [_time(ticks[changed])], changes)
+            self._run.send(self.at(lane), ticks[changed], changes)
 
-    def _send_loop(self) -> None:
+    def send_loop(self) -> None:
         """Torque over displacement: the whole curve, a dot that moves, and axes; y points down in Rerun's 2D views."""
         loop = np.concatenate(self._loop) if self._loop else np.zeros((0, 4))
         if len(loop) < 2:
@@ -335,26 +381,22 @@ class _Run:
         angle, torque = loop[:, 1] * layout.DEGREES, loop[:, 2]
         right, top = _round_up(float(np.abs(angle).max())), _round_up(float(np.abs(torque).max()))
         points = np.stack([1.5 * angle / right, -torque / top], axis=1)
-        at = layout.TORQUE_OVER_ANGLE
+        at = self.at(layout.TORQUE_OVER_ANGLE)
         cuts = np.flatnonzero(np.diff(loop[:, 3])) + 1
         strips = np.split(points, cuts)
         colors = [layout.MEASURED if part[0] else layout.MODEL for part in np.split(loop[:, 3], cuts)]
         axes = [[(-1.5, 0.0), (1.5, 0.0)], [(0.0, -1.0), (0.0, 1.0)]]
-        self._log(f"{at}/axes", rr.LineStrips2D(axes, colors=[(90, 98, 106)], radii=rr.Radius.ui_points(0.75)))
-        self._log(f"{at}/curve", rr.LineStrips2D(strips, colors=colors, radii=rr.Radius.ui_points(1.0)))
+        log = self._run.log
+        log(f"{at}/axes", rr.LineStrips2D(axes, colors=[(90, 98, 106)], radii=rr.Radius.ui_points(0.75)))
+        log(f"{at}/curve", rr.LineStrips2D(strips, colors=colors, radii=rr.Radius.ui_points(1.0)))
         marks = [(-1.5, 0.0), (1.5, 0.0), (0.0, -1.0), (0.0, 1.0)]
         labels = [f"−{right:g}°", f"{right:g}°", f"{top:g} N·m", f"−{top:g} N·m"]
         look = {"colors": [layout.QUIET], "radii": rr.Radius.ui_points(1.5)}
-        self._log(f"{at}/marks", rr.Points2D(marks, labels=labels, show_labels=True, **look))
-        self._log(f"{at}/now", rr.Points2D.from_fields(colors=[(255, 255, 255)], radii=rr.Radius.ui_points(5.0)))
-        shown = loop[:, 0] % POSE_TICKS == 0
-        time = [_time(loop[shown, 0].astype(np.int64))]
-        self._stream.send_columns(self._at(f"{at}/now"), time, rr.Points2D.columns(positions=points[shown]))
-
-
-def _time(ticks: Ticks) -> rr.TimeColumn:
-    # Integer nanoseconds: float seconds would be off by one now and then.
-    return rr.TimeColumn(layout.TIMELINE, duration=(ticks * TICK_NS).astype("timedelta64[ns]"))
+        log(f"{at}/marks", rr.Points2D(marks, labels=labels, show_labels=True, **look))
+        log(f"{at}/now", rr.Points2D.from_fields(colors=[(255, 255, 255)], radii=rr.Radius.ui_points(5.0)))
+        every = self._loop_ticks * max(1, round(self._run.clock.pose_ticks / self._loop_ticks))
+        shown = loop[:, 0] % every == 0
+        self._run.send(f"{at}/now", loop[shown, 0].astype(np.int64), rr.Points2D.columns(positions=points[shown]))
 
 
 def _powered(driven: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -367,12 +409,17 @@ def _hand_states(squeeze: Array) -> NDArray[np.str_]:
     return np.array(names)[np.digitize(squeeze, [0.0, 0.1, 0.6])]
 
 
-def _travel_limits(parameters: Mapping[str, Any]) -> list[float]:
-    """Column angles [rad], at the start of the run, where the feel model's first limit begins and the switches open."""
+def _travel_limits(parameters: Mapping[str, Any], axis: str) -> list[float]:
+    """Column angles [rad], at the start of the run, where the feel model's first limit begins and the switches open.
+
+    None of parameters that do not say so, as those of a file may.
+    """
     try:
-        return sorted([float(parameters["feel"]["aft_limit"]["angle"]), float(parameters["column"]["switch_angle"])])
-    except KeyError:
+        own = parameters.get(axis, parameters)
+        angles = sorted([float(own["feel"]["aft_limit"]["angle"]), float(own["column"]["switch_angle"])])
+    except (KeyError, TypeError, ValueError, OverflowError):
         return []
+    return angles if np.isfinite(angles).all() else []
 
 
 def _round_up(value: float) -> float:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from cls_bench.geometry import Geom
+from cls_bench.signals import CLOCK, Clock
 
 
 @dataclass(frozen=True)
@@ -25,3 +26,5 @@ class RunInfo:
     body_names: tuple[str, ...]
     """bodies of the model in the order of ``Block.poses``, world first"""
     geoms: tuple[Geom, ...] = field(default=())
+    clock: Clock = CLOCK
+    """rates of the run"""

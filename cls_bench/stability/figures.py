@@ -9,8 +9,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
 from cls_bench.analysis.frequency import FrequencyResponse
-from cls_bench.analysis.linear import forward_inertia
-from cls_bench.analysis.variation import Variation
+from cls_bench.linear.hand import forward_inertia
+from cls_bench.linear.variation import Variation
 from cls_bench.report.style import COLOR, legend, new_figure
 from cls_bench.stability.map import THESIS, StabilityMap
 from cls_bench.stability.response import Measured

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cls_bench.analysis.linear import Compensation
+from cls_bench.linear.cycle import Compensation
 from cls_bench.bench import Command, Inputs, OuterLoop
 from cls_bench.control import feel, plc
 from cls_bench.parameters import Parameters, record_of

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from cls_bench.analysis.linear import forward_inertia
-from cls_bench.analysis.prediction import growth_rate, rule
-from cls_bench.analysis.variation import Setup, Variation, variation
+from cls_bench.linear.hand import forward_inertia
+from cls_bench.linear.prediction import growth_rate, rule
+from cls_bench.linear.variation import Setup, Variation, variation
 from cls_bench.stability import trial
 from cls_bench.stability.trial import Standard
 from cls_bench.sweep.core import Report, evaluate_points

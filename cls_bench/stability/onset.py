@@ -10,9 +10,10 @@ from dataclasses import dataclass
 
 from threadpoolctl import threadpool_limits
 
-from cls_bench.analysis.linear import Compensation, limb_mass_for
-from cls_bench.analysis.prediction import critical, rule
-from cls_bench.analysis.variation import Setup, Variation
+from cls_bench.linear.cycle import Compensation
+from cls_bench.linear.hand import limb_mass_for
+from cls_bench.linear.prediction import critical, rule
+from cls_bench.linear.variation import Setup, Variation
 from cls_bench.parameters import Parameters
 from cls_bench.stability import trial
 from cls_bench.stability.loops import BuiltIn, InertiaCompensated, MakeLoop

@@ -27,8 +27,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cls_bench.analysis.frequency import FrequencyResponse
-from cls_bench.analysis.linear import LinearBench
-from cls_bench.analysis.variation import Setup
+from cls_bench.linear.bench import LinearBench
+from cls_bench.linear.variation import Setup
 from cls_bench.bench import Bench
 from cls_bench.errors import InputError, TrippedError
 from cls_bench.scenario import parse_scenario

@@ -11,9 +11,10 @@ from typing import Any
 
 from threadpoolctl import threadpool_limits
 
-from cls_bench.analysis.linear import Compensation, forward_inertia
-from cls_bench.analysis.prediction import growth_rate
-from cls_bench.analysis.variation import Setup, changed, variation
+from cls_bench.linear.cycle import Compensation
+from cls_bench.linear.hand import forward_inertia
+from cls_bench.linear.prediction import growth_rate
+from cls_bench.linear.variation import Setup, changed, variation
 from cls_bench.errors import InputError
 from cls_bench.stability import onset
 from cls_bench.stability.trial import Standard

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cls_bench.analysis.growth import Mode, modes
-from cls_bench.analysis.linear import SLOW
-from cls_bench.analysis.variation import Setup
+from cls_bench.linear.bench import SLOW
+from cls_bench.linear.variation import Setup
 from cls_bench.bench import Bench, DivergedError, OuterLoop
 from cls_bench.errors import InputError
 from cls_bench.scenario import Scenario, parse_scenario

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 from threadpoolctl import threadpool_limits
 
-from cls_bench.analysis.linear import Hand
-from cls_bench.analysis.variation import Setup, changed, ideal, variation
+from cls_bench.linear.hand import Hand
+from cls_bench.linear.variation import Setup, changed, ideal, variation
 from cls_bench.parameters import Parameters
 from cls_bench.stability import onset
 from cls_bench.stability.trial import STILL

@@ -1,14 +1,14 @@
 """What an onset is searched over: a quantity of the bench or of the hand, with its range."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, TypeVar
 
-from pydantic import BaseModel, ValidationError
+from pydantic import ValidationError
 
-from cls_bench.analysis.linear import Hand, limb_mass_for
 from cls_bench.errors import InputError
-from cls_bench.parameters import Parameters, leaves
-from cls_bench.signals import PLC_S
+from cls_bench.linear.hand import Hand, forward_inertia, limb_mass_for
+from cls_bench.parameters import Parameters, Section, leaves
 
 
 @dataclass(frozen=True)
@@ -49,29 +49,40 @@ class Variation:
                 return Setup(changed(p, key, value), hand)
 
 
-_NAMED = {
-    v.name: v
-    for v in (
+def _named(p: Parameters) -> dict[str, Variation]:
+    """Variations with a range of their own: in inertias, from below the bare column's to far beyond a limb's."""
+    bare = forward_inertia(p, Hand(None))
+    chosen = (
         Variation("limb_mass", "kg", 0.02, 20.0),
-        Variation("forward_inertia", "kg·m²", 0.042, 2.0),
+        Variation("forward_inertia", "kg·m²", _rounded(1.06 * bare), _rounded(50.0 * bare)),
         Variation("squeeze", "1", 0.0, 1.0),
-        Variation("delay", f"cycles of {PLC_S * 1e3:g} ms", 0, 16, whole=True),
-        Variation("feel.inertia", "kg·m²", 0.02, 3.0),
+        Variation("delay", f"cycles of {p.rates.bus_cycle * 1e3:g} ms", 0, 16, whole=True),
+        Variation("feel.inertia", "kg·m²", _rounded(0.5 * bare), _rounded(75.0 * bare)),
         Variation("feel.damping", "N·m·s/rad", 0.1, 200.0),
     )
-}
+    return {v.name: v for v in chosen}
 
 
-def variation(name: str, low: float | None = None, high: float | None = None) -> Variation:
+def _rounded(value: float) -> float:
+    """``value`` with two digits."""
+    return float(f"{value:.1e}")
+
+
+def variation(
+    name: str, low: float | None = None, high: float | None = None, *, of: Parameters | None = None
+) -> Variation:
     """The variation ``name``: one with a range of its own, or any numeric parameter by its dotted key with a range.
 
-    Raises InputError for unknown names and empty ranges.
+    Ranges that are not given suit the bench ``of``, the default one unless given. Raises InputError for unknown names
+    and empty ranges.
     """
-    known = _NAMED.get(name)
+    p = Parameters() if of is None else of
+    named = _named(p)
+    known = named.get(name)
     if known is None:
-        found = {key: (value, extra["unit"]) for key, value, extra in leaves(Parameters())}
+        found = {key: (value, extra["unit"]) for key, value, extra in leaves(p)}
         if name not in found or isinstance(found[name][0], bool | str):
-            raise InputError(f'vary = "{name}": must be {", ".join(_NAMED)} or the key of a numeric parameter')
+            raise InputError(f'vary = "{name}": must be {", ".join(named)} or the key of a numeric parameter')
         value, unit = found[name]
         low, high = (0.1 * value if low is None else low), (10.0 * value if high is None else high)
         known = Variation(name, unit, low, high, whole=isinstance(value, int))
@@ -83,29 +94,43 @@ def variation(name: str, low: float | None = None, high: float | None = None) ->
 
 def changed(p: Parameters, key: str, value: Any) -> Parameters:
     """A copy of ``p`` with the parameter ``key`` (dotted) at ``value``; InputError if that is not allowed."""
-    copy = p.model_copy(deep=True)
-    section: BaseModel = copy
-    *path, leaf = key.split(".")
     try:
-        for name in path:
-            section = getattr(section, name)
-        if leaf not in type(section).model_fields:
-            raise AttributeError(leaf)
-        setattr(section, leaf, value)
+        return _changed(p, key.split("."), value)
     except AttributeError:
         raise InputError(f'parameter "{key}" does not exist') from None
     except ValidationError as error:
         raise InputError(f"{key} = {value}: {error.errors()[0]['msg']}") from None
+
+
+_S = TypeVar("_S", bound=Section)
+
+
+def _changed(section: _S, path: Sequence[str], value: Any) -> _S:
+    """Copies of the sections along ``path`` alone, each checked as a whole."""
+    name, *rest = path
+    if name not in type(section).model_fields:
+        raise AttributeError(name)
+    inner = getattr(section, name)
+    if isinstance(inner, Section) != bool(rest):
+        raise AttributeError(".".join(path))
+    copy = section.model_copy()
+    setattr(copy, name, _changed(inner, rest, value) if rest else value)
     return copy
 
 
 def ideal(p: Parameters) -> Parameters:
-    """``p`` without what is not linear or not exact: friction, backlash, transmission error, noise, coarse counts."""
+    """``p`` without what is not linear or not exact: friction, backlash, cogging, tooth errors, noise, coarse counts.
+
+    A worm no longer locks itself.
+    """
+    for name in ("stage1", "stage2", "stage3"):
+        for key, value in (
+            ("drag", 0.0), ("efficiency", 1.0), ("backdrive_efficiency", 1.0), ("backlash", 0.0),
+            ("transmission_error", 0.0),
+        ):  # fmt: skip
+            p = changed(p, f"gearbox.{name}.{key}", value)
     for key, value in (
-        ("gearbox.stage1.drag", 0.0), ("gearbox.stage2.drag", 0.0), ("gearbox.efficiency", 1.0),
-        ("gearbox.stage1.backlash", 0.0), ("gearbox.stage2.backlash", 0.0),
-        ("gearbox.stage1.transmission_error", 0.0), ("gearbox.stage2.transmission_error", 0.0),
-        ("column.coulomb_friction", 0.0), ("feel.friction", 0.0),
+        ("motor.cogging_amplitude", 0.0), ("column.coulomb_friction", 0.0), ("feel.friction", 0.0),
         ("encoder.noise", 0.0), ("encoder.interpolation", 65536), ("load_cell.noise", 0.0),
     ):  # fmt: skip
         p = changed(p, key, value)

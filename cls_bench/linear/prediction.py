@@ -14,12 +14,14 @@ import numpy as np
 from scipy.optimize import brentq
 
 from cls_bench.analysis.frequency import FrequencyResponse
-from cls_bench.analysis.linear import SLOW, Compensation, Hand, LinearBench, forward_inertia
-from cls_bench.analysis.variation import Setup, Variation
+from cls_bench.linear.bench import SLOW, LinearBench
+from cls_bench.linear.cycle import Compensation
+from cls_bench.linear.hand import Hand, forward_inertia
+from cls_bench.linear.variation import Setup, Variation
 from cls_bench.parameters import Parameters
 
-MARGINS_FROM, MARGINS_TO = SLOW, 600.0
-"""Where margins are looked for [Hz]: above the slow motion of arm and feel model, up to beyond all crossovers."""
+HIGHEST = 0.4
+"""Highest frequency that is looked at, over the rate of the PLC: beyond all crossovers, below what aliases."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +29,7 @@ class Rule:
     """The thesis's criterion, Eq. 3.16: 20 log(I_fwd / I_fcs) + M_P180 < 0."""
 
     crossover: float
-    """f_180, where the phase of P passes −180° [Hz]; NaN if it does not below 500 Hz"""
+    """f_180, where the phase of P passes −180° [Hz]; NaN if it does not below :data:`HIGHEST`"""
     magnitude: float
     """|P| there, M_P180 as a factor"""
     ratio: float
@@ -62,7 +64,8 @@ class Prediction:
     gain_crossover: float
     """frequency of the phase margin [Hz]"""
     encirclements: int
-    """of −1 by G, clockwise: unstable poles of the closed loop by Nyquist's criterion (G itself is stable)"""
+    """of −1 by G, clockwise: by Nyquist's criterion the unstable poles of the closed loop, less those of G itself (none
+    but with a pilot's torque fed forward too late)"""
     rule: Rule
 
 
@@ -77,24 +80,21 @@ def inner_loop(p: Parameters, hand: Hand, frequencies: Any) -> FrequencyResponse
 def rule(setup: Setup) -> Rule:
     """Eq. 3.16 for ``setup``, with P of the bare column as its tuning has left it."""
     p = setup.parameters
-    response = inner_loop(p, Hand(None), np.geomspace(1.0, 500.0, 400))
+    response = inner_loop(p, Hand(None), np.geomspace(1.0, HIGHEST / p.rates.plc_cycle, 400))
     crossover, magnitude = response.phase_crossover()
     return Rule(crossover, magnitude, forward_inertia(p, setup.hand) / p.feel.inertia)
 
 
 def predict(setup: Setup, compensation: Compensation | None = None) -> Prediction:
     """Verdict, margins and the rule for ``setup``."""
-    import control
-
     bench = LinearBench(setup.parameters, setup.hand, compensation)
-    count = int(control.nyquist_response(bench.open_loop(), warn_encirclements=False).count)
     gain_margin, phase_crossover, phase_margin, gain_crossover = loop_gain(
-        setup, np.geomspace(MARGINS_FROM, MARGINS_TO, 600), compensation
+        setup, np.geomspace(SLOW, HIGHEST / setup.parameters.rates.plc_cycle, 600), compensation
     ).margins()
     growth = bench.growth
     return Prediction(
         bench.stable, growth.real, growth.imag / (2.0 * math.pi), gain_margin, phase_margin, phase_crossover,
-        gain_crossover, count, rule(setup),
+        gain_crossover, bench.encirclements(), rule(setup),
     )  # fmt: skip
 
 
@@ -107,7 +107,7 @@ def loop_gain(setup: Setup, frequencies: Any, compensation: Compensation | None 
 
 def growth_rate(setup: Setup, compensation: Compensation | None = None) -> float:
     """Growth rate of the least damped oscillation [1/s]."""
-    return LinearBench(setup.parameters, setup.hand, compensation).growth.real
+    return LinearBench(setup.parameters, setup.hand, compensation).growth_rate
 
 
 def critical(

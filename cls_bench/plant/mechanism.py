@@ -1,0 +1,69 @@
+"""The mechanism of an axis: all that acts on its shafts, column and limb in one plant step."""
+
+import math
+from typing import Any
+
+from cls_bench.compiled import compiled
+from cls_bench.parameters import Parameters
+from cls_bench.plant import column, gearbox, limb, motor, rod, sensors
+from cls_bench.plant.model import column_inertia, crank_inertia
+
+
+def configure(mechanism: Any, p: Parameters) -> None:
+    """Put all that follows from the parameters into the record ``mechanism``."""
+    tick = p.rates.clock.tick_s
+    step = tick / p.simulation.substeps
+    mechanism.tick, mechanism.step = tick, step
+    gearbox.configure(mechanism, p)
+    rod.configure(mechanism, p)
+    mechanism.crank_inertia, mechanism.column_inertia = crank_inertia(p), column_inertia(p)
+    mechanism.bearing_damping = column.bearing_damping(p)
+    mechanism.current_decay = math.exp(-step * p.motor.resistance / p.motor.inductance)
+    mechanism.heat_decay = math.exp(-step / p.motor.thermal_time_constant)
+    sensors.configure(mechanism, p)
+
+
+@compiled
+def act(
+    plant: Any, truth: Any, connected: bool, voltage: float,
+    motion: bool, angle: float, velocity: float, force: float,
+) -> None:  # fmt: skip
+    """Put all forces of the present state on the joints; what MuJoCo does not hold goes on by a step.
+
+    The grip is as :func:`cls_bench.plant.limb.set_grip` left it.
+    """
+    p, joints, mechanism, body = truth.parameters, truth.joints, truth.mechanism, truth.body
+    plant.force[joints.column] = plant.force[joints.limb] = 0.0
+    for k in range(mechanism.stages + 1):
+        plant.force[joints.shafts[k]] = 0.0
+    shaft = joints.motor
+    body.motor_torque = motor.advance(p.motor, mechanism, body, connected, voltage, plant.qvel[shaft])
+    plant.force[shaft] += body.motor_torque + motor.cogging(p.motor, plant.qpos[shaft])
+    for k in range(mechanism.stages):
+        gearbox.advance(plant, p.gearbox, joints, mechanism, body, k)
+    rod.act(plant, joints, mechanism, body)
+    column.act(plant, p.column, joints.column, mechanism, body)
+    limb.act(plant, p.limb, p.column.grip_height, joints, body, motion, angle, velocity, force)
+
+
+ANGLES = ("column", "limb", "shaft0", "shaft1", "shaft2", "shaft3", "rod", "rod_end")
+"""What a drawn body can move with: the places that :func:`pose` knows. ``shaft0`` is the motor."""
+
+
+@compiled
+def pose(plant: Any, truth: Any, which: int) -> tuple[float, float, float]:
+    """Angle about y [rad] and displacement (x, z) [m] from neutral of what moves with place ``which``."""
+    joints, m = truth.joints, truth.mechanism
+    if which == 0:
+        return plant.qpos[joints.column], 0.0, 0.0
+    if which == 1:
+        return plant.qpos[joints.limb], 0.0, 0.0
+    if which < 6:
+        return plant.qpos[joints.shafts[which - 2]], 0.0, 0.0
+    crank, column = plant.qpos[joints.crank] + m.crank_angle, plant.qpos[joints.column] + m.arm_angle
+    r1x, r1z = m.crank * math.sin(crank), m.crank * math.cos(crank)
+    r2x, r2z = m.arm * math.sin(column), m.arm * math.cos(column)
+    turned = math.atan2(m.axis_z + r1z - r2z, r2x - m.axis_x - r1x) - m.rod_angle
+    if which == 6:
+        return turned, r1x - m.crank * math.sin(m.crank_angle), r1z - m.crank * math.cos(m.crank_angle)
+    return turned, r2x - m.arm * math.sin(m.arm_angle), r2z - m.arm * math.cos(m.arm_angle)
