@@ -3,6 +3,7 @@
 import os
 import re
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -311,3 +312,15 @@ def test_only_regular_files_of_some_size_are_read(tmp_path: Path, monkeypatch: p
 def test_a_later_segment_bounds_what_is_heard(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"the segment 0\.01 s; give time_unit"):
         scenario(tmp_path, PLAIN, more='[[hand]]\nat = 0.01\nkind = "release"\n')
+
+
+@pytest.mark.parametrize(
+    "cell", ["[" * 100_000, "a" + " " * 100_000 + "b/", "_a" * 50_000, "1" * 100_000 + "x", "in " * 30_000]
+)
+def test_a_long_cell_costs_no_time(tmp_path: Path, cell: str) -> None:
+    """Searching a name and a unit in it, or a number, took minutes: the search went back at every letter."""
+    start = time.process_time()
+    for content in (f"time,{cell}\n0,1\n1,2\n", f"{cell},force\n0,1\n1,2\n", f"time,force\n0,{cell}\n1,2\n"):
+        with suppress(InputError):
+            scenario(tmp_path, content)
+    assert time.process_time() - start < 3.0

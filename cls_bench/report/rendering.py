@@ -1,6 +1,6 @@
 """Stills and videos of the bench as MuJoCo draws it, from a recording alone."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ from cls_bench.errors import InputError, OutputError
 from cls_bench.geometry import force_arrows, turned
 from cls_bench.recording import Recording
 from cls_bench.report.drawn_model import MODEL_FILE, check_time, model_xml
-from cls_bench.signals import POSE_TICKS, TICK_S
+from cls_bench.signals import axes_of
 from cls_bench.text import printable
 
 Image = NDArray[np.uint8]
@@ -27,6 +27,30 @@ FURTHEST = 100.0
 """Greatest coordinate of a body that is drawn [m]."""
 
 
+_FORCES = (("/pilot", "hand_force"), ("/load_cell", "force"))
+
+
+class _Arrows:
+    """The forces on the column of one axis. KeyError if the model has no such column."""
+
+    def __init__(self, model: Any, axis: str):
+        self._prefix = f"{axis}/" if axis else ""
+        bodies = [model.body(k).name for k in range(model.nbody)]
+        self._column = model.body(f"{self._prefix}column").id
+        end = f"{self._prefix}rod_end"
+        self._rod_end = bodies.index(end) if end in bodies else None
+        self._grip_height = float(model.site(f"{self._prefix}grip").pos[2])
+
+    def topic(self, path: str) -> str:
+        """The topic of this axis."""
+        return f"/{self._prefix}{path.lstrip('/')}"
+
+    def along(self, poses: NDArray[np.float64], hand: NDArray[np.float64], rod: NDArray[np.float64]) -> Any:
+        """Origins and vectors of the arrows at every row of ``poses``."""
+        rod_end = None if self._rod_end is None else poses[:, self._rod_end]
+        return force_arrows(poses[:, self._column], rod_end, hand, rod, self._grip_height)
+
+
 class Renderer:
     """Draws the bodies of a recording where it says they were. InputError if there is no model or no OpenGL."""
 
@@ -37,7 +61,7 @@ class Renderer:
             spec = mujoco.MjSpec.from_string(xml)
             spec.visual.global_.offwidth, spec.visual.global_.offheight = size
             self._model = spec.compile()
-            self._ends = [self._model.body(name).id for name in ("column", "rod_end")]
+            self._axes = [_Arrows(self._model, axis) for axis in axes_of(recording.topics.values())]
         except (ValueError, KeyError, TypeError) as error:
             reason = printable(str(error), 300)
             raise InputError(f"{recording.path}: its {MODEL_FILE} cannot be drawn: {reason}") from None
@@ -59,39 +83,42 @@ class Renderer:
     def still(self, at: float) -> Image:
         """The bench at ``at`` [s], shape (height, width, 3). InputError outside of the recording."""
         check_time(self._recording, at)
-        at = min(at, self._recording.duration - POSE_TICKS * TICK_S)  # poses are there every 10 ms
-        image = next(self.frames(at, at + 2 * POSE_TICKS * TICK_S, POSE_TICKS * TICK_S), None)
+        period = self._recording.clock.pose_ticks * self._recording.clock.tick_s
+        at = min(at, self._recording.duration - period)
+        image = next(self.frames(at, at + 2 * period, period), None)
         if image is None:
             raise InputError(f"{self._recording.path}: there are no poses at {at:g} s")
         return image
 
     def frames(self, start: float, end: float, step: float) -> Iterator[Image]:
-        """The bench every ``step`` [s], at 100 Hz at most."""
+        """The bench every ``step`` [s], at most as often as there are poses."""
         time, poses = self._recording.poses(start, end)
-        every = max(round(step / (POSE_TICKS * TICK_S)), 1)
+        clock = self._recording.clock
+        every = max(round(step / (clock.pose_ticks * clock.tick_s)), 1)
         if not len(time):
             return
         if poses.shape[1] != self._model.nbody or not np.abs(poses).max() <= FURTHEST:
             raise InputError(f"{self._recording.path}: its poses are not those of its model")
-        force, hand = (self._force(time, *names) for names in (("/load_cell", "force"), ("/pilot", "hand_force")))
-        column, rod_end = self._ends
-        origins, vectors = force_arrows(poses[:, column], poses[:, rod_end], hand, force)
+        arrows = [
+            axis.along(poses, *(self._force(time, axis.topic(path), name) for path, name in _FORCES))
+            for axis in self._axes
+        ]
         for row in range(0, len(time), every):
-            yield self._draw(poses[row], origins[row], vectors[row])
+            yield self._draw(poses[row], [(origins[row], vectors[row]) for origins, vectors in arrows])
 
     def _force(self, time: NDArray[np.float64], topic: str, name: str) -> NDArray[np.float64]:
         """A force at ``time`` [N]; 0, which draws no arrow, where it was not recorded."""
-        known = self._recording.topics.get(topic)
+        known, tick = self._recording.topics.get(topic), self._recording.clock.tick_s
         if known is None or name not in known.names:
             return np.zeros(len(time))
-        series = self._recording.read(topic, [name], float(time[0]), float(time[-1]) + TICK_S)
+        series = self._recording.read(topic, [name], float(time[0]), float(time[-1]) + tick)
         if not len(series):
             return np.zeros(len(time))
-        place = np.clip(np.searchsorted(series.time, time - 0.5 * TICK_S), 0, len(series) - 1)
-        there = np.abs(series.time[place] - time) < known.ticks * TICK_S
+        place = np.clip(np.searchsorted(series.time, time - 0.5 * tick), 0, len(series) - 1)
+        there = np.abs(series.time[place] - time) < known.ticks * tick
         return np.where(there & (np.abs(series[name][place]) < 1e6), series[name][place], 0.0)
 
-    def _draw(self, poses: NDArray[np.float64], origins: Any, vectors: Any) -> Image:
+    def _draw(self, poses: NDArray[np.float64], arrows: Sequence[tuple[Any, Any]]) -> Image:
         model, data = self._model, self._data
         bodies = poses[model.geom_bodyid]
         data.geom_xpos[:] = bodies[:, :3] + turned(bodies[:, 3:], model.geom_pos)
@@ -100,8 +127,9 @@ class Renderer:
             mujoco.mju_mulQuat(quaternion, body, own)
             mujoco.mju_quat2Mat(data.geom_xmat[geom], quaternion)
         self._renderer.update_scene(data, self._camera)
-        for origin, vector, color in zip(origins, vectors, _ARROW_COLORS, strict=True):
-            self._add_arrow(origin, vector, color)
+        for origins, vectors in arrows:
+            for origin, vector, color in zip(origins, vectors, _ARROW_COLORS[: len(origins)], strict=True):
+                self._add_arrow(origin, vector, color)
         return np.asarray(self._renderer.render())
 
     def _add_arrow(self, origin: Any, vector: Any, color: tuple[float, ...]) -> None:

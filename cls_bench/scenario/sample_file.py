@@ -66,8 +66,11 @@ _TIME_NAMES = ("time", "t", "timestamp", "time stamp", "timestamps", "times", "z
 _SEARCHED = 200
 """Lines among which the header is looked for."""
 
+LONGEST_HEADER = 200
+"""Characters of a cell that can be a name with a unit; what is longer is neither, and not searched for one."""
+
 _COMMENT = re.compile(r"\s*(#|%|//)")
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+_NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+", re.ASCII)
 _ZONE = r"(?P<zone>Z|[+-]\d\d(?::?\d\d)?)?"
 _CLOCK = re.compile(r"(\d{1,4}):([0-5]\d)(?::([0-5]\d))?(\.\d+)?" + _ZONE, re.ASCII)
@@ -241,6 +244,8 @@ def _rows(text: str, delimiter: str, skip: int) -> Iterator[tuple[int, list[str]
 
 def _named(cell: str) -> tuple[str, str]:
     """Name and unit of a header such as ``Force [N]``, ``t (ms)``, ``Zeit / s`` or ``time_ms``; unit empty if none."""
+    if len(cell) > LONGEST_HEADER:
+        return cell, ""
     cell = " ".join(cell.split())
     if match := re.fullmatch(r"(.+?)\s*(?:\[\s*(.*?)\s*\]|\(\s*(.*?)\s*\)|/\s*(\S+)|in\s+(\S+))", cell):
         return match[1], next(unit for unit in match.groups()[1:] if unit is not None)
