@@ -11,7 +11,7 @@ from cls_bench.drivers import scripted
 from cls_bench.pilot import HandSamples
 from cls_bench.parameters import Parameters
 from cls_bench.scenario import parse_scenario
-from cls_bench.scenario.override import override
+from cls_bench.parameters.override import override
 from cls_bench.signals import Block, Event, Topic
 
 
