@@ -5,7 +5,7 @@ are those of the step's start. The check writes one step of the small motions as
 radius, at neutral and at both stops, with every contact closed or open and the hand off, loose or tight, each element
 as stiff as it can get::
 
-    v⁺ = v + h M⁻¹ (K i e_θ − Σ a (c gᵀq + d gᵀv) − Σ (σ0 z + σ1 v)),   q⁺ = q + h v⁺,   z⁺ = z + h v
+    v⁺ = v + h M⁻¹ (K i e_θ − Σ a (c gᵀq + d gᵀv) − Σ (σ0 z⁺ + σ1 v)),   q⁺ = q + h v⁺,   z⁺ = z + h v
     i⁺ = E i − (1 − E) K/R ω,   E = exp(−h R/L)
 
 a = g, but in a mesh that is driven: its friction follows its torque, and adds its loss to what the input shaft feels.
@@ -215,7 +215,7 @@ class _Chain:
             force[:, n : 2 * n] -= spring.damping * coupling
         for number, (joint, stiffness, damping) in enumerate(bristles):
             force[joint, 2 * n + number] -= stiffness
-            force[joint, n + joint] -= damping
+            force[joint, n + joint] -= damping + stiffness * step  # the bristle goes on before it pulls
         force[MOTOR, current] += p.motor.torque_constant
         matrix = np.eye(size)
         matrix[n : 2 * n] += step * force / inertia[:, None]

@@ -48,7 +48,7 @@ class Script:
         """The hand in ``ticks`` from ``first`` on."""
         value, rate = np.zeros(ticks), np.zeros(ticks)
         starts = [clock.tick_of(part.at) for part in self.parts]
-        for part, start, end in zip(self.parts, starts, [*starts[1:], first + ticks], strict=True):
+        for part, start, end in zip(self.parts, starts, [*starts[1:], first + ticks], strict=False):
             low, high = max(start, first), min(end, first + ticks)
             if low < high:
                 time: NDArray[np.float64] = np.arange(low - start, high - start) * clock.tick_s

@@ -58,6 +58,10 @@ count as sustained, and below which it is gone: what is left is vibration of the
 itself, however irregular it is."""
 
 
+MOST_TRAVEL = 0.5
+"""Share of the column's travel that the hand moves over; where that is less than asked for it moves more slowly."""
+
+
 @dataclass(frozen=True)
 class Standard:
     """How a trial is made."""
@@ -124,7 +128,8 @@ def script(setup: Setup, standard: Standard, *, pulse: bool = True) -> Script:
             raise InputError("a trial needs an arm that holds its place")
         parts.append(Part(0.0, constant(0.0)))
         if standard.rate_deg > 0:
-            end, over = math.radians(standard.travel_deg), 2.0 * standard.travel_deg / standard.rate_deg
+            over = 2.0 * standard.travel_deg / standard.rate_deg
+            end = min(math.radians(standard.travel_deg), MOST_TRAVEL * setup.parameters.column.travel)
             parts.append(Part(0.001, ramp(0.0, -end, 0.3, smooth=True)))
             parts.append(Part(_MOTION_AT, ramp(-end, end, over)))
     changes = []
