@@ -69,8 +69,11 @@ LONGEST_ARROW = 0.45
 ARROWS = ("hand on the column", "connecting rod on the column")
 """What the arrows show."""
 
-_GRIP = (0.0, -0.022, 0.30)
-"""The site "grip" in the column's frame [m]."""
+GRIP_HEIGHT = 0.30
+"""Height of the grip on the thesis's rig [m]."""
+
+_GRIP_ASIDE = -0.022
+"""How far the grip lies aside of the plane of the linkage [m]."""
 
 _ASIDE = np.array([0.0, -0.065, 0.0])
 """How far before the bench the arrows are drawn, to be seen [m]."""
@@ -83,20 +86,24 @@ def turned(quaternion: Array, vectors: Array) -> Array:
     return np.asarray(vectors + w * doubled + np.cross(axis, doubled))
 
 
-def force_arrows(column: Array, rod_end: Array, hand_force: Array, rod_force: Array) -> tuple[Array, Array]:
-    """Origins and vectors [m] of both arrows of :data:`ARROWS`, shape (rows, 2, 3).
+def force_arrows(
+    column: Array, rod_end: Array | None, hand_force: Array, rod_force: Array, grip_height: float = GRIP_HEIGHT
+) -> tuple[Array, Array]:
+    """Origins and vectors [m] of the arrows of :data:`ARROWS`, shape (rows, 2, 3); without a rod of the first alone.
 
-    ``column`` and ``rod_end`` are poses, shape (rows, 7); forces [N], shape (rows,): the hand's positive forward, the
-    rod's positive in tension, when it pulls the column back towards the crank.
+    ``column`` and ``rod_end`` are poses, shape (rows, 7), the grip is ``grip_height`` [m] above the column's axis;
+    forces [N], shape (rows,): the hand's positive forward, the rod's positive in tension, when it pulls the column back
+    towards the crank.
     """
     x = np.array([1.0, 0.0, 0.0])
-    grip = column[:, :3] + turned(column[:, 3:], np.broadcast_to(_GRIP, (len(column), 3)))
-    joint = rod_end[:, :3]
-    forward = turned(column[:, 3:], np.broadcast_to(x, (len(column), 3)))
-    along_rod = turned(rod_end[:, 3:], np.broadcast_to(x, (len(rod_end), 3)))
 
     def length(force: Array) -> Array:
         return np.clip(METRES_PER_NEWTON * force, -LONGEST_ARROW, LONGEST_ARROW)[:, None]
 
-    origins = np.stack([grip, joint], axis=1) + _ASIDE
-    return origins, np.stack([length(hand_force) * forward, -length(rod_force) * along_rod], axis=1)
+    site = np.array([0.0, _GRIP_ASIDE, grip_height])
+    origins = [column[:, :3] + turned(column[:, 3:], np.broadcast_to(site, (len(column), 3)))]
+    vectors = [length(hand_force) * turned(column[:, 3:], np.broadcast_to(x, (len(column), 3)))]
+    if rod_end is not None:
+        origins.append(rod_end[:, :3])
+        vectors.append(-length(rod_force) * turned(rod_end[:, 3:], np.broadcast_to(x, (len(rod_end), 3))))
+    return np.stack(origins, axis=1) + _ASIDE, np.stack(vectors, axis=1)

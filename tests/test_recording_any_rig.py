@@ -368,8 +368,12 @@ def test_blocks_of_a_slow_file_are_bounded(tmp_path: Path, monkeypatch: pytest.M
 def test_a_window_holds_no_more_than_an_hour_at_the_usual_rate(tmp_path: Path) -> None:
     quick = Clock(10_000, 1, 1, 1, 1)
     recording = recorded(tmp_path / "run.mcap", run_of(quick, duration=0.05, block=0.05))
-    with pytest.raises(InputError, match=r"^0 to 3600 s are 360000000 samples at 100000 Hz, 9000001 at most$"):
-        Window(recording, 0.0, 3600.0, Parameters())
+    window = Window(recording, 0.0, 3600.0, Parameters())
+    for read in (lambda: window["/column.angle"], lambda: window.time):
+        with pytest.raises(InputError, match=r"^0 to 3600 s are 360000000 samples at 100000 Hz, 9000001 at most$"):
+            read()
+    check = Check(name="x", metric="mean", signal="/column.angle", window=(0.0, 3600.0))
+    assert "9000001 at most" in metrics.evaluate(check, window).note
 
 
 @pytest.mark.parametrize("make", [McapRecorder, RerunRecorder])

@@ -2,7 +2,7 @@
 
 ``models/cls_bench.xml`` gives the structure, the parameters give every number, and what a rig has more or less than the
 thesis's is added and removed. The linkage is closed by a constraint here, meshes are tendons with a dead zone, friction
-is MuJoCo's LuGre element, the motor its ``dcmotor``; none of the compiled laws of ``cls_bench.plant`` takes part.
+is MuJoCo's LuGre element, the motor its ``dcmotor``; no compiled law of ``cls_bench.plant`` takes part.
 """
 
 import math
@@ -13,15 +13,14 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from cls_bench.parameters import GRAVITY, GearStage, Parameters
+from cls_bench.parameters import GRAVITY, Parameters
+from cls_bench.plant.column import STRIBECK, bearing_damping
+from cls_bench.plant.gearbox import shaft_inertias
+from cls_bench.plant.rod import cell_damping
 from cls_bench.plant.shapes import Frame, Layout, Vector, layout
 from cls_bench.resources import model_folder
 
 Array = NDArray[np.float64]
-
-BEARING_STRIBECK = 0.01
-"""Stribeck velocity of the column's bearing [rad/s]; without effect on its level, as static and Coulomb friction are
-equal, it sets the speed above which the presliding damping fades out (assumed: well below the slowest sweep)."""
 
 GAP = 0.15
 """Between rigs that stand side by side [m]."""
@@ -159,7 +158,7 @@ def _fit_structure(spec: mujoco.MjSpec, p: Parameters) -> None:
     spec.delete(spec.body("carrier1"))
     for number in range(1, stages):
         carrier = spec.worldbody.add_body(name=f"carrier{number}", mass=0.25, inertia=[_POINT] * 3)
-        carrier.explicitinertial = True
+        carrier.explicitinertial, carrier.ipos = True, [0.0, 0.0, 0.0]
         carrier.add_joint(spec.find_default("main"), name=f"carrier{number}")
     if not stages:  # the motor sits on the crank
         spec.joint("motor").name = "unused"
@@ -225,39 +224,6 @@ def _weigh(spec: mujoco.MjSpec, p: Parameters) -> None:
     limb.ipos = [0.0, limb.ipos[1], p.column.grip_height]
 
 
-def shaft_inertias(p: Parameters) -> list[float]:
-    """Inertia [kg·m²] of the motor's shaft and of each stage's output, the crank's own with the last."""
-    inertias = [p.motor.rotor_inertia + p.gearbox.input_inertia, *(stage.inertia for stage in p.gearbox.in_use)]
-    inertias[-1] += p.linkage.crank_inertia
-    return inertias
-
-
-def mesh_dampings(p: Parameters) -> list[float]:
-    """Damping [N·m·s/rad] of each stage's mesh: its ratio of critical for the two inertias it lies between."""
-    inertias = shaft_inertias(p)
-
-    def damping(stage: GearStage, before: float, behind: float) -> float:
-        seen = before * stage.ratio**2
-        return 2.0 * stage.damping_ratio * math.sqrt(stage.stiffness * seen * behind / (seen + behind))
-
-    return [damping(stage, inertias[k], inertias[k + 1]) for k, stage in enumerate(p.gearbox.in_use)]
-
-
-def cell_damping(p: Parameters) -> float:
-    """Damping [N·s/m] of the load cell, which carries rod end and column as seen at the column joint."""
-    carried = p.linkage.masses[2] + p.column.inertia / p.linkage.arm**2
-    return 2.0 * p.load_cell.damping_ratio * math.sqrt(p.load_cell.stiffness * carried)
-
-
-def bearing_damping(p: Parameters) -> float:
-    """Presliding damping [N·m·s/rad] of the column's bearing.
-
-    A tenth of critical: enough to quiet the bristles, too little to matter in sliding.
-    """
-    inertia = p.column.inertia + p.linkage.masses[2] * p.linkage.arm**2
-    return 0.2 * math.sqrt(p.column.bristle_stiffness * inertia)
-
-
 def _set_motor(spec: mujoco.MjSpec, p: Parameters) -> None:
     m = p.motor
     spec.actuator("motor").set_to_dcmotor(
@@ -316,7 +282,7 @@ def _set_column_and_limb(spec: mujoco.MjSpec, p: Parameters) -> None:
     spec.joint("column").damping[0] = c.viscous_friction
     _set_friction(
         spec.actuator("column_bearing"), stiffness=c.bristle_stiffness, damping=bearing_damping(p),
-        coulomb=c.coulomb_friction, static=c.coulomb_friction, stribeck=BEARING_STRIBECK,
+        coulomb=c.coulomb_friction, static=c.coulomb_friction, stribeck=STRIBECK,
     )  # fmt: skip
     stops = spec.tendon("stop_blocks")
     stops.stiffness[0] = c.stop_stiffness
@@ -362,20 +328,20 @@ def _draw(spec: mujoco.MjSpec, drawn: Layout, p: Parameters) -> None:
     site.pos = [0.0, site.pos[1], p.column.grip_height]
 
 
-_THESIS_BOUNDS = np.array([[-0.333, -0.117, 0.0], [0.174, 0.307, 0.729]])
+_THESIS_BOUNDS = np.array([[-0.335, -0.119, 0.0], [0.166, 0.307, 0.732]])
 """Bounds [m] of the thesis's rig, for which the cameras of the scene stand where they stand."""
 
 
 def _frame_view(spec: mujoco.MjSpec, low: Array, high: Array) -> None:
     """Move cameras and lights such that a rig of these bounds fills the picture as the thesis's does."""
     was = _THESIS_BOUNDS.mean(axis=0)
-    scale = float(np.linalg.norm(high - low) / np.linalg.norm(_THESIS_BOUNDS[1] - _THESIS_BOUNDS[0]))
-    if abs(scale - 1.0) < 0.02:
-        scale = 1.0
+    size, usual = high - low, _THESIS_BOUNDS[1] - _THESIS_BOUNDS[0]
+    scale = max(float(np.linalg.norm(size) / np.linalg.norm(usual)), float(size[2] / usual[2]))
     centre = (low + high) / 2
-    if np.abs(centre - was).max() < 0.01:
-        centre = was
     for camera in spec.cameras:
         camera.pos = centre + scale * (camera.pos - was)
     spec.stat.center = centre + scale * (spec.stat.center - was)
     spec.stat.extent *= scale
+    floor = spec.geom("floor")
+    floor.pos = [centre[0] - was[0], centre[1] - was[1], 0.0]
+    floor.size = [scale * floor.size[0], scale * floor.size[1], floor.size[2]]

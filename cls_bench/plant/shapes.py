@@ -22,6 +22,7 @@ from cls_bench.parameters import GearStage, Motor, Parameters
 
 Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
+Point = Sequence[float] | Array
 
 PLATE = 0.02
 """Upper face of the base plate [m]."""
@@ -130,8 +131,8 @@ def motor_size(motor: Motor) -> Size:
     volume, inertia = (lasting / _TORQUE) ** 0.8, motor.rotor_inertia / _INERTIA
     even = volume ** (1.0 / 3.0)
     across = even * min(max(math.sqrt(inertia / volume) / even, 1.0), 1.6)
-    across = min(max(across, 0.5), 5.0)
-    return Size(across, min(max(volume / across**2, 0.4), 4.0))
+    across = round(min(max(across, 0.5), 5.0), 2)
+    return Size(across, round(min(max(volume / across**2, 0.4), 4.0), 2))
 
 
 class _Drawing:
@@ -148,7 +149,7 @@ class _Drawing:
         self.linked = p.linkage.kind == "four_bar"
 
     def put(
-        self, name: str, body: str, look: str, kind: str, size: Sequence[float], frame: Frame, at: Sequence[float],
+        self, name: str, body: str, look: str, kind: str, size: Sequence[float], frame: Frame, at: Point,
         turn: Array | None = None,
     ) -> None:  # fmt: skip
         """Add a shape at ``at`` in ``frame``, which is fixed to ``body``."""
@@ -159,12 +160,12 @@ class _Drawing:
         a, b, c = (*size, 0.0, 0.0)[:3]
         self.shapes.append(Shape(name, body, look, kind, (a, b, c), place))
 
-    def disc(self, name: str, body: str, look: str, radius: float, half: float, frame: Frame, at: Sequence[float],
+    def disc(self, name: str, body: str, look: str, radius: float, half: float, frame: Frame, at: Point,
              turn: Array = ALONG_Y) -> None:  # fmt: skip
         """A cylinder about the frame's y axis."""
         self.put(name, body, look, "cylinder", (radius, half), frame, at, turn)
 
-    def bar(self, name: str, body: str, look: str, radius: float, start: Sequence[float], end: Sequence[float],
+    def bar(self, name: str, body: str, look: str, radius: float, start: Point, end: Point,
             kind: str = "capsule") -> None:  # fmt: skip
         """A capsule from one point to another, in the body's own frame."""
         frame = self.bodies[body] if body else Frame(np.zeros(3))
@@ -420,7 +421,7 @@ def _scales(p: Parameters) -> list[float]:
     scales = []
     for stage in p.gearbox.in_use:
         ratio *= stage.ratio
-        scales.append(min(max((torque * ratio / _OUTPUT_TORQUE) ** (1.0 / 3.0), 0.6), 2.5))
+        scales.append(round(min(max((torque * ratio / _OUTPUT_TORQUE) ** (1.0 / 3.0), 0.6), 2.5), 2))
     kinds = [stage.kind for stage in p.gearbox.in_use]
     for kind, run in itertools.groupby(range(len(kinds)), key=kinds.__getitem__):
         members = list(run)

@@ -11,7 +11,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from cls_bench.geometry import ARROWS, force_arrows
+from cls_bench.geometry import ARROWS, GRIP_HEIGHT, force_arrows
 from cls_bench.recording import palette, rerun_scene
 from cls_bench.recording import rerun_layout as layout
 from cls_bench.recording.layout import rows_of
@@ -292,6 +292,7 @@ class _Axis:
         self._bodies = [bodies.index(name) for name in (column, rod_end) if name in bodies]
         self._has_arrows = column in bodies
         self._limits = _travel_limits(parameters, axis)
+        self._grip_height = _grip_height(parameters, axis)
         self._loop: list[Array] = []  # time [tick], angle [rad], torque [N·m], powered
         self._states: dict[str, str] = {}
         clock = run.clock
@@ -356,9 +357,10 @@ class _Axis:
         sampled, forces = batch.columns(*wanted)
         both, at, of = np.intersect1d(ticks, sampled, return_indices=True)
         if len(both):
-            column, last = poses[at, self._bodies[0]], poses[at, self._bodies[-1]]
+            column, *last = (poses[at, body] for body in self._bodies)
             count = len(self._bodies)
-            origins, vectors = (part[:, :count] for part in force_arrows(column, last, forces[of, 0], forces[of, 1]))
+            rod_end = last[0] if last else None
+            origins, vectors = force_arrows(column, rod_end, forces[of, 0], forces[of, 1], self._grip_height)
             arrows = rr.Arrows3D.columns(origins=origins.reshape(-1, 3), vectors=vectors.reshape(-1, 3))
             self._run.send(self.at(layout.FORCES), both, arrows.partition(np.full(len(both), count)))
 
@@ -420,6 +422,15 @@ def _travel_limits(parameters: Mapping[str, Any], axis: str) -> list[float]:
     except (KeyError, TypeError, ValueError, OverflowError):
         return []
     return angles if np.isfinite(angles).all() else []
+
+
+def _grip_height(parameters: Mapping[str, Any], axis: str) -> float:
+    """Height of the grip above the column's axis [m]; the thesis's, of parameters that do not say so."""
+    try:
+        height = float(parameters.get(axis, parameters)["column"]["grip_height"])
+    except (KeyError, TypeError, ValueError, OverflowError):
+        return GRIP_HEIGHT
+    return height if np.isfinite(height) else GRIP_HEIGHT
 
 
 def _round_up(value: float) -> float:

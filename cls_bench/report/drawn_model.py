@@ -17,9 +17,9 @@ MOST_PIXELS = 4096
 
 ELEMENTS = frozenset({
     "mujoco", "compiler", "option", "flag", "statistic", "visual", "global", "quality", "headlight", "map", "rgba",
-    "scale", "default", "asset", "texture", "material", "worldbody", "body", "inertial", "joint", "freejoint", "geom",
-    "site", "camera", "light", "tendon", "fixed", "spatial", "equality", "connect", "weld", "actuator", "general",
-    "motor", "sensor", "contact", "exclude",
+    "scale", "default", "asset", "texture", "material", "worldbody", "body", "inertial", "joint", "freejoint",
+    "geom", "frame", "site", "camera", "light", "tendon", "fixed", "spatial", "equality", "connect", "weld",
+    "actuator", "general", "motor", "sensor", "contact", "exclude",
 })  # fmt: skip
 """What a bench is made of. Nothing of it reads a file, loads code or takes memory but for itself."""
 

@@ -27,6 +27,30 @@ FURTHEST = 100.0
 """Greatest coordinate of a body that is drawn [m]."""
 
 
+_FORCES = (("/pilot", "hand_force"), ("/load_cell", "force"))
+
+
+class _Arrows:
+    """The forces on the column of one axis. KeyError if the model has no such column."""
+
+    def __init__(self, model: Any, axis: str):
+        self._prefix = f"{axis}/" if axis else ""
+        bodies = [model.body(k).name for k in range(model.nbody)]
+        self._column = model.body(f"{self._prefix}column").id
+        end = f"{self._prefix}rod_end"
+        self._rod_end = bodies.index(end) if end in bodies else None
+        self._grip_height = float(model.site(f"{self._prefix}grip").pos[2])
+
+    def topic(self, path: str) -> str:
+        """The topic of this axis."""
+        return f"/{self._prefix}{path.lstrip('/')}"
+
+    def along(self, poses: NDArray[np.float64], hand: NDArray[np.float64], rod: NDArray[np.float64]) -> Any:
+        """Origins and vectors of the arrows at every row of ``poses``."""
+        rod_end = None if self._rod_end is None else poses[:, self._rod_end]
+        return force_arrows(poses[:, self._column], rod_end, hand, rod, self._grip_height)
+
+
 class Renderer:
     """Draws the bodies of a recording where it says they were. InputError if there is no model or no OpenGL."""
 
@@ -37,12 +61,10 @@ class Renderer:
             spec = mujoco.MjSpec.from_string(xml)
             spec.visual.global_.offwidth, spec.visual.global_.offheight = size
             self._model = spec.compile()
-            bodies = [self._model.body(k).name for k in range(self._model.nbody)]
+            self._axes = [_Arrows(self._model, axis) for axis in axes_of(recording.topics.values())]
         except (ValueError, KeyError, TypeError) as error:
             reason = printable(str(error), 300)
             raise InputError(f"{recording.path}: its {MODEL_FILE} cannot be drawn: {reason}") from None
-        self._pose_s = recording.clock.time(recording.clock.pose_ticks)
-        self._columns = _columns(bodies, axes_of(recording.known_topics) or ("",))
         self._data = mujoco.MjData(self._model)
         mujoco.mj_forward(self._model, self._data)  # cameras and lights stand in the world; the bodies come later
         cameras = [self._model.camera(k).name for k in range(self._model.ncam)]
@@ -61,45 +83,39 @@ class Renderer:
     def still(self, at: float) -> Image:
         """The bench at ``at`` [s], shape (height, width, 3). InputError outside of the recording."""
         check_time(self._recording, at)
-        at = min(at, self._recording.duration - self._pose_s)  # poses are there some 100 times a second
-        image = next(self.frames(at, at + 2 * self._pose_s, self._pose_s), None)
+        period = self._recording.clock.pose_ticks * self._recording.clock.tick_s
+        at = min(at, self._recording.duration - period)
+        image = next(self.frames(at, at + 2 * period, period), None)
         if image is None:
             raise InputError(f"{self._recording.path}: there are no poses at {at:g} s")
         return image
 
     def frames(self, start: float, end: float, step: float) -> Iterator[Image]:
-        """The bench every ``step`` [s], at some 100 Hz at most."""
+        """The bench every ``step`` [s], at most as often as there are poses."""
         time, poses = self._recording.poses(start, end)
-        every = max(round(step / self._pose_s), 1)
+        clock = self._recording.clock
+        every = max(round(step / (clock.pose_ticks * clock.tick_s)), 1)
         if not len(time):
             return
         if poses.shape[1] != self._model.nbody or not np.abs(poses).max() <= FURTHEST:
             raise InputError(f"{self._recording.path}: its poses are not those of its model")
-        arrows = [self._arrows(time, poses, *which) for which in self._columns]
+        arrows = [
+            axis.along(poses, *(self._force(time, axis.topic(path), name) for path, name in _FORCES))
+            for axis in self._axes
+        ]
         for row in range(0, len(time), every):
             yield self._draw(poses[row], [(origins[row], vectors[row]) for origins, vectors in arrows])
 
-    def _arrows(self, time: NDArray[np.float64], poses: NDArray[np.float64], axis: str, ends: Sequence[int]) -> Any:
-        """Origins and vectors of the forces on the column of an axis: the hand's, and the rod's if there is one."""
-        root = f"/{axis}" if axis else ""
-        force, hand = (
-            self._force(time, f"{root}{topic}", name)
-            for topic, name in (("/load_cell", "force"), ("/pilot", "hand_force"))
-        )
-        origins, vectors = force_arrows(poses[:, ends[0]], poses[:, ends[-1]], hand, force)
-        return origins[:, : len(ends)], vectors[:, : len(ends)]
-
     def _force(self, time: NDArray[np.float64], topic: str, name: str) -> NDArray[np.float64]:
         """A force at ``time`` [N]; 0, which draws no arrow, where it was not recorded."""
-        known = self._recording.topics.get(topic)
+        known, tick = self._recording.topics.get(topic), self._recording.clock.tick_s
         if known is None or name not in known.names:
             return np.zeros(len(time))
-        tick_s = self._recording.clock.tick_s
-        series = self._recording.read(topic, [name], float(time[0]), float(time[-1]) + tick_s)
+        series = self._recording.read(topic, [name], float(time[0]), float(time[-1]) + tick)
         if not len(series):
             return np.zeros(len(time))
-        place = np.clip(np.searchsorted(series.time, time - 0.5 * tick_s), 0, len(series) - 1)
-        there = np.abs(series.time[place] - time) < known.ticks * tick_s
+        place = np.clip(np.searchsorted(series.time, time - 0.5 * tick), 0, len(series) - 1)
+        there = np.abs(series.time[place] - time) < known.ticks * tick
         return np.where(there & (np.abs(series[name][place]) < 1e6), series[name][place], 0.0)
 
     def _draw(self, poses: NDArray[np.float64], arrows: Sequence[tuple[Any, Any]]) -> Image:
@@ -112,7 +128,7 @@ class Renderer:
             mujoco.mju_quat2Mat(data.geom_xmat[geom], quaternion)
         self._renderer.update_scene(data, self._camera)
         for origins, vectors in arrows:
-            for origin, vector, color in zip(origins, vectors, _ARROW_COLORS, strict=False):
+            for origin, vector, color in zip(origins, vectors, _ARROW_COLORS[: len(origins)], strict=True):
                 self._add_arrow(origin, vector, color)
         return np.asarray(self._renderer.render())
 
@@ -125,16 +141,6 @@ class Renderer:
         mujoco.mjv_initGeom(geom, arrow, np.zeros(3), np.zeros(3), np.eye(3).ravel(), np.array(color, np.float32))
         mujoco.mjv_connector(geom, arrow, _ARROW_RADIUS, origin, origin + vector)
         scene.ngeom += 1
-
-
-def _columns(bodies: Sequence[str], axes: Sequence[str]) -> list[tuple[str, list[int]]]:
-    """Axes with a column, and the numbers of its body and, if there is a rod, the rod's end."""
-    found = []
-    for axis in axes:
-        names = [f"{axis}/{name}" if axis else name for name in ("column", "rod_end")]
-        if names[0] in bodies:
-            found.append((axis, [bodies.index(name) for name in names if name in bodies]))
-    return found
 
 
 def save_still(recording: Recording, at: float, path: Path, size: tuple[int, int] = SIZE, camera: str = CAMERA) -> None:
