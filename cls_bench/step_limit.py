@@ -29,9 +29,10 @@ from cls_bench.parameters import MOST_STAGES, PLANT, Parameters, leaves
 
 Array = NDArray[np.float64]
 
-MARGIN = 2.5
-"""The step has to be stable at this multiple of its length, which leaves eight steps to a period: ratios change with
-position, and contacts that open and close pump energy into an undamped mode of fewer steps (measured: seven)."""
+MARGIN = 2.0
+"""The step has to be stable at this multiple of its length, which leaves six steps to a period: ratios change with
+position, and contacts open and close. Measured on 150 random rigs, with undamped meshes, lossy up to self-locking, and
+shaken from stop to stop: none diverges up to 0.95 of the limit, none vibrates more than it should up to 0.6."""
 
 MOST_SUBSTEPS = 64
 """Substeps that are tried."""

@@ -7,15 +7,17 @@ import numpy as np
 import pytest
 
 from cls_bench.analysis.frequency import FrequencyResponse, compare
-from cls_bench.linear.hand import Hand
-from cls_bench.linear.variation import Setup, changed, ideal
 from cls_bench.bench import Bench
 from cls_bench.errors import BenchError, InputError
+from cls_bench.linear.hand import Hand
+from cls_bench.linear.variation import Setup, changed, ideal
 from cls_bench.parameters import Parameters
-from cls_bench.scenario import parse_scenario
+from cls_bench.pilot import constant, ramp
 from cls_bench.stability import figures
+from cls_bench.stability.driving import Part, Script, run
 from cls_bench.stability.loops import BuiltIn
 from cls_bench.stability.response import CHIRP, MULTISINE, STEPPED, Excitation, measure
+from cls_bench.stability.validation import bench
 
 SMALL = Excitation(MULTISINE, amplitude=0.02, realisations=2)
 
@@ -118,28 +120,37 @@ def test_the_bench_as_it_is_answers_each_amplitude_differently():
     assert np.abs(small.value[-20:]).mean() < 0.5 * np.abs(large.value[-20:]).mean()
 
 
-def test_built_in_loop_as_an_object_runs_the_same_samples():
-    text = """
-        title = "pull"
-        duration = 0.3
-        [[hand]]
-        kind = "hold"
-        at = 0.0
-        angle_deg = 0.0
-        [[hand]]
-        kind = "ramp"
-        at = 0.02
-        to_deg = 6.0
-        over = 0.25
-        """
-    for architecture in ("position", "velocity"):
-        p = changed(Parameters(), "plc.outer_loop", architecture)
-        one, other = (
-            np.concatenate([b.signals["/column"] for b in Bench(p, seed=3, controller=c).run(parse_scenario(text))])
-            for c in (None, BuiltIn(p))
-        )
-        assert np.array_equal(one, other)
-        assert abs(one[-1, 0]) > 0.05
+@pytest.mark.parametrize("values", [{}, {"plc.outer_loop": "velocity"}, {"rates.plc_cycle": 1.2e-3}])
+def test_built_in_loop_as_an_object_runs_the_same_samples(values):
+    p = Parameters()
+    for key, value in values.items():
+        p = changed(p, key, value)
+    pull = Script(Hand(0.0), 0.3, [Part(0.0, constant(0.0)), Part(0.02, ramp(0.0, math.radians(6.0), 0.25))])
+    one, other = (
+        np.concatenate([b.signals["/column"] for b in run(Bench(p, seed=3, controller=c), pull)])
+        for c in (None, BuiltIn(p))
+    )
+    assert np.array_equal(one, other)
+    assert abs(one[-1, 0]) > 0.05
+
+
+@pytest.mark.parametrize("loop", ["velocity-loop", "position-loop", "outer-loop"])
+def test_loops_at_other_rates_are_the_predicted_ones(loop):
+    p = bench("direct_drive", "plc 1 kHz, drive 16 kHz")
+    measured = measure(Setup(p, Hand(1.0)), loop, SMALL)
+    pairs = [(measured.open, measured.predicted_open)]
+    if measured.closed is not None:
+        pairs.append((measured.closed, measured.predicted_closed))
+    for seen, predicted in pairs:
+        magnitude, phase = compare(seen.up_to(100), predicted.up_to(100))
+        assert magnitude < 1.0
+        assert phase < math.radians(5.0)
+
+
+def test_a_slower_plc_excites_less_far():
+    slow = Setup(bench("thesis", "plc 1 kHz, drive 16 kHz"))
+    with pytest.raises(InputError, match="below 400 Hz"):
+        measure(slow, "position-loop", Excitation(high=450.0))
 
 
 # Numbers of a response

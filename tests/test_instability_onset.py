@@ -7,16 +7,16 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from cls_bench.linear.hand import Hand, forward_inertia
-from cls_bench.linear.variation import Setup, changed, ideal, variation
 from cls_bench.bench import Command
 from cls_bench.cli import main
 from cls_bench.errors import InputError
+from cls_bench.linear.hand import Hand, forward_inertia
+from cls_bench.linear.variation import Setup, changed, ideal, variation
 from cls_bench.parameters import Parameters
 from cls_bench.stability import figures, onset, trial
 from cls_bench.stability.loops import BuiltIn
 from cls_bench.stability.map import Grid, compute
-from cls_bench.stability.stabilisers import STABILISERS, compare
+from cls_bench.stability.stabilisers import compare, stabilisers
 from cls_bench.stability.trial import STILL, Standard
 
 RECORDED_ONSET = 0.268
@@ -155,7 +155,7 @@ def test_map_is_resumable_and_has_the_thesis_s_points(tmp_path):
 
 
 def test_velocity_feed_forward_helps_and_a_faster_position_controller_does_not():
-    chosen = [s for s in STABILISERS if s.name in
+    chosen = [s for s in stabilisers(Parameters()) if s.name in
               ("none", "feed-forward of the set velocity", "position controller 60 instead of 35 Hz")]  # fmt: skip
     none, ahead, faster = compare(Setup(ideal(Parameters())), STILL, measures=chosen)
     assert ahead.simulated < 0.7 * none.simulated < none.simulated < 0.7 * faster.simulated

@@ -9,6 +9,7 @@
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -83,7 +84,7 @@ class LinearBench:
         Followed from tick to tick at the column, so that it may be more than half a turn.
         """
         a = self.lifted.transition
-        shape: ComplexArray = np.random.default_rng(0).standard_normal(len(a)).astype(complex)
+        shape: Any = np.random.default_rng(0).standard_normal(len(a)).astype(complex)
         shifted = a - factor * (1.0 + 1e-8) * np.eye(len(a))
         for _ in range(3):
             shape = np.linalg.solve(shifted, shape)

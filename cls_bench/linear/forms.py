@@ -75,7 +75,7 @@ class Forms:
         self.states = list(states)
         self.inputs = list(inputs)
         unit = np.eye(self.size)
-        self.value = {name: unit[k] for k, name in enumerate(states)}
+        self.value: dict[str, Array] = {name: unit[k] for k, name in enumerate(states)}
         """present row of every state, by name"""
         self.source = {key: unit[len(states) + k] for k, key in enumerate(inputs)}
         """row of every input, by name and tick"""
@@ -83,7 +83,7 @@ class Forms:
 
     def zero(self) -> Array:
         """A signal that is nothing."""
-        return np.zeros(self.size)
+        return np.zeros(self.size, dtype=np.float64)
 
     def record(self, tick: int, **signals: Array) -> None:
         """Keep the ``signals`` as samples of this tick."""

@@ -54,7 +54,7 @@ def _named(p: Parameters) -> dict[str, Variation]:
     bare = forward_inertia(p, Hand(None))
     chosen = (
         Variation("limb_mass", "kg", 0.02, 20.0),
-        Variation("forward_inertia", "kg·m²", _rounded(1.06 * bare), _rounded(50.0 * bare)),
+        Variation("forward_inertia", "kg·m²", _rounded(1.1 * bare), _rounded(50.0 * bare)),
         Variation("squeeze", "1", 0.0, 1.0),
         Variation("delay", f"cycles of {p.rates.bus_cycle * 1e3:g} ms", 0, 16, whole=True),
         Variation("feel.inertia", "kg·m²", _rounded(0.5 * bare), _rounded(75.0 * bare)),

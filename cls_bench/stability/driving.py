@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cls_bench.bench import Bench
 from cls_bench.hand import HandSamples
@@ -51,7 +50,7 @@ class Script:
         for part, start, end in zip(self.parts, starts, [*starts[1:], first + ticks], strict=False):
             low, high = max(start, first), min(end, first + ticks)
             if low < high:
-                time: NDArray[np.float64] = np.arange(low - start, high - start) * clock.tick_s
+                time = np.arange(low - start, high - start, dtype=np.float64) * clock.tick_s
                 value[low - first : high - first], rate[low - first : high - first] = part.profile(time)
         arm, none = self.hand.arm, np.zeros(ticks)
         return HandSamples(

@@ -22,7 +22,7 @@ class BuiltIn:
     def __init__(self, parameters: Parameters):
         self._record = record_of(parameters)
         self._velocity = parameters.plc.outer_loop == "velocity"
-        self._cycle = parameters.rates.plc_cycle
+        self._cycle = parameters.rates.clock.plc_s
         self._feel: Any = np.zeros(1, dtype=feel.STATE).view(np.recarray)[0]
         self._plc: Any = np.zeros(1, dtype=plc.STATE).view(np.recarray)[0]
 

@@ -142,7 +142,7 @@ class _Grid:
     def time(self, first: int, end: int) -> Array:
         """Times of the PLC cycles in periods ``first`` to ``end`` [s]."""
         cycles = self.ticks // self.clock.plc_ticks
-        return np.arange(first * cycles, end * cycles) * self.clock.plc_s
+        return np.arange(first * cycles, end * cycles, dtype=np.float64) * self.clock.plc_s
 
 
 @dataclass(frozen=True)
@@ -374,7 +374,8 @@ _Shaken = tuple[Script, list[tuple[int, int]], list[float]]
 
 
 def _force_sines(e: Excitation, hand: Hand, grid: _Grid) -> _Shaken:
-    parts, windows, frequencies = [], [], []
+    parts: list[Part] = []
+    windows, frequencies = [], []
     at, settle = 0, round(max(SETTLE, 1.0) / grid.period)
     before = constant(0.0)
     for wanted in np.geomspace(e.low, e.high, e.points):

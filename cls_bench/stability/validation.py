@@ -7,33 +7,20 @@ import itertools
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from threadpoolctl import threadpool_limits
 
 from cls_bench.linear.hand import Hand, forward_inertia
 from cls_bench.linear.variation import Setup, changed, ideal, variation
-from cls_bench.parameters import Parameters
+from cls_bench.parameters import Parameters, Rates
+from cls_bench.rigs import load_rig
 from cls_bench.stability import onset
 from cls_bench.stability.trial import STILL
 from cls_bench.sweep.core import evaluate_points
 from cls_bench.sweep.engine import Engine, Point, Row, Value
 
-RIGS: Mapping[str, Mapping[str, Any]] = {
-    "thesis": {},
-    "one_stage": {
-        "gearbox": {"stages": 1, "stage1": {"ratio": 10.0, "stiffness": 8.0e3}},
-        "motor": {"rotor_inertia": 2.5e-4},
-    },
-    "direct_drive": {"gearbox": {"stages": 0}, "motor": {"rotor_inertia": 4.0e-3, "torque_constant": 3.0}},
-    "belt": {
-        "gearbox": {"stages": 1, "stage1": {"kind": "belt", "ratio": 8.0, "teeth": 0, "stiffness": 1.5e4}},
-        "motor": {"rotor_inertia": 3.0e-4},
-    },
-    "three_stages": {"gearbox": {"stages": 3, "stage3": {"ratio": 2.0, "inertia": 6.0e-4, "stiffness": 6.0e4}}},
-    "shaft": {"linkage": {"kind": "none"}},
-}
-"""Rigs by what distinguishes them from the thesis's; each has the nameplate of its data sheets."""
+RIGS = ("thesis", "one_stage", "direct_drive", "belt", "non_backdrivable", "elevator", "aileron", "rudder")
+"""Rigs that come with the bench."""
 
 RATES: Mapping[str, Mapping[str, float]] = {
     "thesis": {},
@@ -42,7 +29,7 @@ RATES: Mapping[str, Mapping[str, float]] = {
         "plc_cycle": 1e-3,
     },
 }  # fmt: skip
-"""Rates by what distinguishes them from the thesis's."""
+"""Rates, by what distinguishes them from the rig's own."""
 
 INERTIAS = (0.15, 0.3, 0.6, 1.0)
 """I_fcs [kg·m²] on the thesis's rig; on others in proportion to the bare column."""
@@ -73,18 +60,8 @@ def points(rig: str = "thesis", rates: str = "thesis") -> list[Point]:
 
 def bench(rig: str, rates: str = "thesis") -> Parameters:
     """A rig as it is delivered, without what is not linear."""
-    table: dict[str, Any] = Parameters().model_dump()
-    _place(table, {**RIGS[rig], "rates": RATES[rates]})
-    p = Parameters.model_validate(table)
-    return ideal(p.with_nameplate() if RIGS[rig] else p)
-
-
-def _place(table: dict[str, Any], values: Mapping[str, Any]) -> None:
-    for key, value in values.items():
-        if isinstance(value, Mapping):
-            _place(table[key], value)
-        else:
-            table[key] = value
+    p = load_rig(rig).parameters
+    return ideal(p.model_copy(update={"rates": Rates(**{**p.rates.model_dump(), **RATES[rates]})}))
 
 
 @dataclass(frozen=True)
@@ -150,5 +127,5 @@ def markdown(rows: Sequence[Row]) -> str:
 
 
 if __name__ == "__main__":
-    asked = sys.argv[1:] or list(RIGS)
+    asked = sys.argv[1:] or RIGS
     print(markdown(compare([point for rig in asked for point in points(rig)])))
