@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cls_bench.cli.failures import say
-from cls_bench.cli.options import FINITE, SEED, FiniteRange, GivenController, controller_options
+from cls_bench.cli.options import FINITE, SEED, FiniteRange, GivenController, controller_options, rig_option
 from cls_bench.cli.output import number, print_json, print_table, results_folder
 from cls_bench.cli.sweep import points_progress
 from cls_bench.errors import ExitCode, InputError, Interrupted, OutputError
@@ -36,6 +36,7 @@ def _setup_options(function: Callable[..., Any]) -> Callable[..., Any]:
         click.option("--grip", default="1", show_default=True, metavar="0…1|off",
                      help="How tightly the hand grips, 0 loose to 1 tight, or off."),
         click.option("--ideal", is_flag=True, help="Without friction, backlash, noise and coarse counts."),
+        rig_option,
     ):  # fmt: skip
         function = option(function)
     return function
@@ -55,13 +56,13 @@ def _trial_options(function: Callable[..., Any]) -> Callable[..., Any]:
     return function
 
 
-def _setup(overrides: tuple[str, ...], grip: str, ideal: bool) -> "Setup":
+def _setup(overrides: tuple[str, ...], rig: str | None, grip: str, ideal: bool) -> "Setup":
     from cls_bench.linear.hand import Hand
     from cls_bench.linear.variation import Setup
     from cls_bench.linear.variation import ideal as idealised
-    from cls_bench.scenario import parse_scenario
+    from cls_bench.scenario.reading import parameters_of
 
-    p = parse_scenario('title = "setup"\nduration = 1.0', set=overrides).parameters_at_start()
+    p = parameters_of(rig, overrides)
     squeeze: float | None = None
     if grip != "off":
         try:
@@ -138,7 +139,7 @@ def _finite(value: Any) -> Any:
               help="Folder for CSV and figures.  [default: recordings/LOOP]")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of tables.")
 def frequency_response(
-    loop: str, overrides: tuple[str, ...], grip: str, ideal: bool, excitation: str | None, amplitude: float | None,
+    loop: str, overrides: tuple[str, ...], rig: str | None, grip: str, ideal: bool, excitation: str | None, amplitude: float | None,
     from_hz: float, to_hz: float, points: int, out: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
     """Measure a loop's frequency response on the running simulation.
@@ -152,7 +153,7 @@ def frequency_response(
     from cls_bench.stability import figures
     from cls_bench.stability.response import Excitation, measure
 
-    setup = _setup(overrides, grip, ideal)
+    setup = _setup(overrides, rig, grip, ideal)
     through_hand = loop == "rendered-admittance"
     measured = measure(
         setup, loop,
@@ -215,7 +216,7 @@ def _numbers(response: "FrequencyResponse", kind: str, loop: str) -> dict[str, f
 @click.command()
 @_setup_options
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of tables.")
-def predict(overrides: tuple[str, ...], grip: str, ideal: bool, as_json: bool) -> None:
+def predict(overrides: tuple[str, ...], rig: str | None, grip: str, ideal: bool, as_json: bool) -> None:
     """Predict stability and margins from the linear model, with Eq. 3.16 beside it."""
     from threadpoolctl import threadpool_limits
 
@@ -223,7 +224,7 @@ def predict(overrides: tuple[str, ...], grip: str, ideal: bool, as_json: bool) -
     from cls_bench.linear.prediction import predict as predicted
     from cls_bench.linear.variation import variation
 
-    setup = _setup(overrides, grip, ideal)
+    setup = _setup(overrides, rig, grip, ideal)
     with threadpool_limits(1):
         p = predicted(setup)
         critical_at = {
@@ -263,7 +264,7 @@ def predict(overrides: tuple[str, ...], grip: str, ideal: bool, as_json: bool) -
 @controller_options
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of tables.")
 def onset(
-    vary: str, low: float | None, high: float | None, tolerance: float, overrides: tuple[str, ...], grip: str,
+    vary: str, low: float | None, high: float | None, tolerance: float, overrides: tuple[str, ...], rig: str | None, grip: str,
     ideal: bool, rate_deg: float | None, pulse: float | None, seed: int, controller: GivenController, as_json: bool,
 ) -> None:  # fmt: skip
     """Search where the running bench turns unstable."""
@@ -271,7 +272,7 @@ def onset(
 
     quantity = variation(vary, low, high)
     found = _find(
-        controller, _setup(overrides, grip, ideal), quantity, _standard(ideal, rate_deg, pulse, seed), quiet=as_json,
+        controller, _setup(overrides, rig, grip, ideal), quantity, _standard(ideal, rate_deg, pulse, seed), quiet=as_json,
         tolerance=tolerance,
     )  # fmt: skip
     last = found.last_unstable
@@ -329,7 +330,7 @@ def _trial_line(unit: str, quiet: bool) -> Any:
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of text.")
 def stability_map(
     x: str, y: str, x_range: tuple[float, float] | None, y_range: tuple[float, float] | None, size: tuple[int, int],
-    overrides: tuple[str, ...], grip: str, ideal: bool, rate_deg: float | None, pulse: float | None, seed: int,
+    overrides: tuple[str, ...], rig: str | None, grip: str, ideal: bool, rate_deg: float | None, pulse: float | None, seed: int,
     out: Path | None, resume: bool, scheduler: str, as_json: bool,
 ) -> None:  # fmt: skip
     """Map stability over two quantities: a trial at each point, beside the linear model and Eq. 3.16.
@@ -353,7 +354,7 @@ def stability_map(
     try:
         with points_progress(quiet=as_json) as report:
             result = compute(
-                _setup(overrides, grip, ideal), Grid(axes[0], axes[1], *size),
+                _setup(overrides, rig, grip, ideal), Grid(axes[0], axes[1], *size),
                 _standard(ideal, rate_deg, pulse, seed), journal=journal, resume=resume, scheduler=scheduler,
                 report=report, say=lambda line: click.echo(line, err=True),
             )  # fmt: skip
@@ -387,7 +388,7 @@ def stability_map(
 @click.option("--scheduler", default="threads", show_default=True, metavar="WHERE", help="As for stability-map.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of a table.")
 def stabilisers(
-    overrides: tuple[str, ...], grip: str, ideal: bool, rate_deg: float | None, pulse: float | None, seed: int,
+    overrides: tuple[str, ...], rig: str | None, grip: str, ideal: bool, rate_deg: float | None, pulse: float | None, seed: int,
     out: Path | None, scheduler: str, as_json: bool,
 ) -> None:  # fmt: skip
     """Least stable simulated inertia with and without what a designer can do about it."""
@@ -399,7 +400,7 @@ def stabilisers(
 
     with points_progress(quiet=as_json) as report:
         found = compare(
-            _setup(overrides, grip, ideal), _standard(ideal, rate_deg, pulse, seed), scheduler=scheduler, report=report
+            _setup(overrides, rig, grip, ideal), _standard(ideal, rate_deg, pulse, seed), scheduler=scheduler, report=report
         )
     folder = results_folder(out or RECORDINGS / "stabilisers", began)
     try:
@@ -435,13 +436,14 @@ def check() -> None:
               help="Least share by which I_fwd may still grow from the present limb and column to the onset: "
                    "onset / present - 1.  [default: 0, the present hand must be stable]")  # fmt: skip
 @click.option("--set", "overrides", metavar="KEY=VALUE", multiple=True, help="Override a parameter.")
+@rig_option
 @click.option("--ideal", is_flag=True, help="Without friction, backlash, noise and coarse counts.")
 @_trial_options
 @controller_options
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of text.")
 @click.pass_context
 def check_onset(
-    ctx: click.Context, min_ratio: float | None, min_margin: float | None, overrides: tuple[str, ...], ideal: bool,
+    ctx: click.Context, min_ratio: float | None, min_margin: float | None, overrides: tuple[str, ...], rig: str | None, ideal: bool,
     rate_deg: float | None, pulse: float | None, seed: int, controller: GivenController, as_json: bool,
 ) -> None:  # fmt: skip
     """Pass if a tight grip stays stable up to I_fwd = R · I_fcs, and the present hand is stable by a margin.
@@ -456,7 +458,7 @@ def check_onset(
     if min_ratio is None and min_margin is None:
         raise InputError("check onset: give --min-ratio, --min-margin, or both")
     wanted = 0.0 if min_margin is None else min_margin
-    setup = _setup(overrides, "1", ideal)
+    setup = _setup(overrides, rig, "1", ideal)
     standard = _standard(ideal, rate_deg, pulse, seed)
     found = _find(controller, setup, variation("forward_inertia"), standard, quiet=True, follow=False)
     inertia, present = setup.parameters.feel.inertia, forward_inertia(setup.parameters, setup.hand)
