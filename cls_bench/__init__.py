@@ -8,19 +8,21 @@ if TYPE_CHECKING:
     from cls_bench.experiment import Result, run
     from cls_bench.parameters import Parameters
     from cls_bench.recording import Recording
+    from cls_bench.rigs import Rig, load_rig
     from cls_bench.scenario import Scenario, load_scenario, parse_scenario
 
 _HOMES = {
     "Bench": "bench", "Command": "bench", "Inputs": "bench", "OuterLoop": "bench",
     "Parameters": "parameters",
     "Recording": "recording",
+    "Rig": "rigs", "load_rig": "rigs",
     "Result": "experiment", "run": "experiment",
     "Scenario": "scenario", "load_scenario": "scenario", "parse_scenario": "scenario",
 }  # fmt: skip
 
 __all__ = [
-    "Bench", "Command", "Inputs", "OuterLoop", "Parameters", "Recording", "Result", "Scenario", "load_scenario",
-    "parse_scenario", "run",
+    "Bench", "Command", "Inputs", "OuterLoop", "Parameters", "Recording", "Result", "Rig", "Scenario", "load_rig",
+    "load_scenario", "parse_scenario", "run",
 ]  # fmt: skip
 
 

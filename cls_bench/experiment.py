@@ -26,6 +26,7 @@ from cls_bench.recording import Recorder, Recording, RunInfo
 from cls_bench.recording.recorder import COMPLETE
 from cls_bench.run_log import Trip
 from cls_bench.drivers import scripted
+from cls_bench.rigs import Rig
 from cls_bench.scenario import Check, ExpectedTrip, Scenario, load_scenario
 from cls_bench.signals import Event
 from cls_bench.text import utf8
@@ -185,22 +186,23 @@ def run(
     out: Path | str = RECORDINGS,
     seed: int | None = None,
     set: Sequence[str] = (),
+    rig: str | Path | Rig | None = None,
     rerun: bool = True,
     controller: OuterLoop | str | Place | None = None,
     progress: Progress | None = None,
 ) -> Result:
     """Run a scenario, shipped by name, from a file or as an object; record it in the folder ``out``; measure it.
 
-    ``seed`` and ``set`` (``KEY=VALUE``) override the file's values. ``controller`` replaces the feel model, or the
+    ``seed``, ``set`` (``KEY=VALUE``) and ``rig`` override the file's values. ``controller`` replaces the feel model, or the
     scenario's own controller: an object, or ``"FILE.py:NAME"``, ``"package.module:NAME"``, or a
     :class:`~cls_bench.controllers.Place` with arguments. Raises InputError and OutputError, and ControllerError if a
     controller cannot be made. A run that diverges, or whose controller fails, is a Result with that status; its
     recording ends there.
     """
     if not isinstance(scenario, Scenario):
-        scenario = load_scenario(scenario, seed=seed, set=set)
-    elif seed is not None or set:
-        raise InputError("seed and set override the values of a file; this scenario is loaded already")
+        scenario = load_scenario(scenario, seed=seed, set=set, rig=rig)
+    elif seed is not None or set or rig is not None:
+        raise InputError("seed, set and rig override the values of a file; this scenario is loaded already: changed()")
     progress = progress or Progress()
     _check_metrics(scenario)
     parameters = scenario.parameters_at_start()
@@ -370,7 +372,7 @@ def run_info(scenario: Scenario, bench: Bench, controller: Mapping[str, bytes | 
         mjcf={**bench.mjcf, **scenario.sample_files, **files},
         parameters=bench.parameters.model_dump(),
         metadata={
-            "title": scenario.title, "seed": str(scenario.seed), "overrides": json.dumps(scenario.overrides),
+            **scenario.the_rig.metadata, "title": scenario.title, "seed": str(scenario.seed), "overrides": json.dumps(scenario.overrides),
             **({"notes": "\n".join(scenario.notes)} if scenario.notes else {}),
             "units": "SI; radians", "commit": _commit(), **{name: utf8(text) for name, text in about.items()},
             **versions(),

@@ -192,7 +192,7 @@ BAD_KEYS = [
     ('hand = [{kind = "release"}]', "hand[0].at", "missing", "a number ≥ 0"),
     ('hand = [{at = "0", kind = "release"}]', "hand[0].at", '"0"', "a number"),
     ('hand = [{at = -1.0, kind = "release"}]', "hand[0].at", "-1", "≥ 0"),
-    ('hand = [{at = 0.0, kind = "step", to_deg = 90.0}]', "hand[0].to_deg", "90", "≤ 60"),
+    ('hand = [{at = 0.0, kind = "step", to_deg = 190.0}]', "hand[0].to_deg", "190", "≤ 170"),
     ('hand = [{at = 0.0, kind = "ramp", to_deg = 9.0, over = 0.0}]', "hand[0].over", "0", "> 0"),
     ('hand = [{at = 0.0, kind = "sine", amplitude_deg = 1.0}]', "hand[0].frequency", "missing", "Hz"),
     ("squeeze = [{at = 0.0, value = 1.5}]", "squeeze[0].value", "1.5", "≤ 1"),

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cls_bench.cli.failures import say
-from cls_bench.cli.options import SEED, FiniteRange, GivenController, controller_options
+from cls_bench.cli.options import SEED, FiniteRange, GivenController, controller_options, rig_option
 from cls_bench.cli.output import print_json, print_notes, print_result, print_table, print_term, progress_bar
 from cls_bench.errors import BenchError, one_line
 
@@ -28,11 +28,12 @@ if TYPE_CHECKING:
 @click.option("--seed", type=SEED, help="Seed of the sensors' noise, instead of the scenario's.")
 @click.option("--set", "overrides", metavar="KEY=VALUE", multiple=True,
               help="Override a parameter, such as feel.inertia=0.25; may be given again.")  # fmt: skip
+@rig_option
 @controller_options
 @click.option("--rerun/--no-rerun", default=True, help="Also write a Rerun file (.rrd).  [default: rerun]")
 @click.option("--signals", metavar="/TOPIC.NAME,…", multiple=True,
               help="Record these signals only, such as /column.angle,/load_cell.*; checks are measured all the same.")
-@click.option("--rate", type=FiniteRange(1, 20000), metavar="HZ",
+@click.option("--rate", type=FiniteRange(1, 1e5), metavar="HZ",
               help="Record them at this rate at most, such as 1000.")  # fmt: skip
 @click.option("--poses/--no-poses", default=None, help="Also record the bench in motion.  [default: poses]")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of tables.")
@@ -44,6 +45,7 @@ def run(
     out: Path,
     seed: int | None,
     overrides: tuple[str, ...],
+    rig: str | None,
     controller: GivenController,
     rerun: bool,
     signals: tuple[str, ...],
@@ -56,7 +58,7 @@ def run(
     from cls_bench import experiment
     from cls_bench.scenario import load_scenario
 
-    loaded = load_scenario(scenario, seed=seed, set=(*overrides, *_record(signals, rate, poses)))
+    loaded = load_scenario(scenario, seed=seed, set=(*overrides, *_record(signals, rate, poses)), rig=rig)
     print_notes(loaded)
     place = controller.of(loaded)
     if view:
@@ -133,7 +135,7 @@ def _run_with_controller(
             raise Interrupted(f"interrupted at t = {simulated:g} s; kept: {began[0]}") from None
         raise error
     else:
-        whole = holds_all(scenario.record.topics())
+        whole = holds_all(scenario.recorded_topics, scenario.topics, scenario.clock)
         measured = experiment.measure(scenario, Recording(result.mcap), own_loop=True) if whole else result.checks
         if repr([check.value for check in measured]) != repr([check.value for check in result.checks]):
             raise ControllerError(f"the controller changed cls-bench itself: its values are not those of {result.mcap}")
@@ -195,13 +197,14 @@ def list_(what: str | None) -> None:
 @click.command()
 @click.argument("scenarios", metavar="NAME_OR_FILE...", nargs=-1, required=True)
 @click.option("--set", "overrides", metavar="KEY=VALUE", multiple=True, help="Override a parameter.")
-def validate(scenarios: tuple[str, ...], overrides: tuple[str, ...]) -> None:
+@rig_option
+def validate(scenarios: tuple[str, ...], overrides: tuple[str, ...], rig: str | None) -> None:
     """Check scenario files without running them."""
     from cls_bench import experiment
     from cls_bench.scenario import load_scenario
 
     for scenario in scenarios:
-        loaded = load_scenario(scenario, set=overrides)
+        loaded = load_scenario(scenario, set=overrides, rig=rig)
         experiment.validate(loaded)
         print_notes(loaded)
         click.echo(f"{scenario}: valid")

@@ -63,6 +63,12 @@ class GivenController:
         return dataclasses.replace(place, folder=Path(place.folder).absolute())
 
 
+rig_option = click.option(
+    "--rig", metavar="NAME|FILE.toml", help="What it is run on: a rig of `cls-bench rigs`, or a file of your own."
+)
+"""Passed on as ``rig``."""
+
+
 def controller_options(function: Callable[..., Any]) -> Callable[..., Any]:
     """Options that put a controller of the user's own in place of the feel model; passed on as ``controller``."""
 

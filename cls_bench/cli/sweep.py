@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cls_bench.cli.options import limit_options
+from cls_bench.cli.options import limit_options, rig_option
 from cls_bench.cli.output import number, print_json, print_table, results_folder
 from cls_bench.errors import ControllerError, InputError, Interrupted, OutputError
 
@@ -26,9 +26,12 @@ if TYPE_CHECKING:
 @click.option("--scheduler", default="threads", show_default=True, metavar="WHERE",
               help="threads, threads:N, local-cluster:N (N Dask workers here), or the tcp:// address of a Dask "
                    "scheduler.")  # fmt: skip
+@rig_option
 @limit_options
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of tables.")
-def sweep(file: Path, out: Path | None, resume: bool, scheduler: str, limits: "Limits", as_json: bool) -> None:
+def sweep(
+    file: Path, out: Path | None, resume: bool, scheduler: str, rig: str | None, limits: "Limits", as_json: bool
+) -> None:
     """Run a scenario at many points and collect its metrics.
 
     Writes table.parquet, figure.png and figure.svg; points that fail are rows with their error. Ctrl-C keeps the
@@ -43,7 +46,7 @@ def sweep(file: Path, out: Path | None, resume: bool, scheduler: str, limits: "L
     from cls_bench.sweep.plan import load_sweep
     from cls_bench.sweep.table import statuses, summarise, to_table, write_table
 
-    plan = load_sweep(file)
+    plan = load_sweep(file, rig=rig)
     engine = make_engine(scheduler)
     folder = results_folder(out or RECORDINGS / plan.name, began, resume=resume)
     journal = folder / "points.jsonl"

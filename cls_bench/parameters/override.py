@@ -47,6 +47,21 @@ def flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]
             yield key, value
 
 
+def nested(table: Mapping[str, Any]) -> dict[str, Any]:
+    """The same values in tables alone, without dotted keys; of a key that is there twice the later one."""
+    found: dict[str, Any] = {}
+    for key, value in flat(table):
+        *parents, last = key.split(".")
+        inner = found
+        for parent in parents:
+            deeper = inner.get(parent)
+            if not isinstance(deeper, dict):
+                deeper = inner[parent] = {}
+            inner = deeper
+        inner[last] = value
+    return found
+
+
 def override(parameters: Parameters, table: Mapping[str, Any], *, live_only: bool = False) -> Parameters:
     """A copy of ``parameters`` with the values of the nested ``table``; raises FaultError at the first bad one."""
     known, merged, changed = known_keys(), parameters.model_dump(), []

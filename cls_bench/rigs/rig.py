@@ -79,9 +79,9 @@ class Rig:
     """whether it is a file of the user's, not one of those that come with the bench"""
 
     @property
-    def sha256(self) -> str:
-        """Hash of its file."""
-        return hashlib.sha256(self.source).hexdigest()
+    def metadata(self) -> dict[str, str]:
+        """What a recording says of it besides its file and all parameters."""
+        return {"rig": self.name, "rig.title": self.title, "rig.sha256": hashlib.sha256(self.source).hexdigest()}
 
 
 def load_rig(name_or_path: str | Path) -> Rig:

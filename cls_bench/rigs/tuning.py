@@ -62,6 +62,8 @@ def bandwidths(p: Parameters) -> list[Derived]:
 def in_proportion(p: Parameters) -> list[Derived]:
     """What the thesis's rig has in proportion to its travel: virtual stops, following error, potentiometer."""
     default, share = Parameters(), p.column.travel / Parameters().column.travel
+    if p.column.travel == default.column.travel and p.column.stop_angle == default.column.stop_angle:
+        return []
     how = "in proportion to the travel, as on the thesis's rig"
     found = [
         Derived(key, value * share, how)

@@ -13,7 +13,8 @@ from cls_bench.input.faults import nearest
 from cls_bench.input.files import read_file
 from cls_bench.input.toml_file import MOST_BYTES, parse_toml
 from cls_bench.resources import shipped_scenarios
-from cls_bench.rigs import Rig, load_rig
+from cls_bench.parameters import Parameters
+from cls_bench.rigs import THESIS, Rig, load_rig
 from cls_bench.scenario.placing import as_text, place, place_override
 from cls_bench.scenario.scenario import Origin, Scenario
 from cls_bench.text import escaped
@@ -40,6 +41,17 @@ def load_scenario(
     except OSError as error:
         raise InputError(f"{escaped(text, 500)}: cannot be read: {error.strerror}") from None
     return parse_scenario(source, path=path, seed=seed, set=set, rig=rig)
+
+
+def parameters_of(rig: "str | Path | Rig | None" = None, set: Sequence[str] = ()) -> Parameters:
+    """Parameters of a rig, the thesis's unless given, with overrides ``KEY=VALUE``. Raises InputError."""
+    table: dict[str, Any] = {}
+    keys = frozenset(place_override(table, entry) for entry in set)
+    chosen: Rig | None = rig if isinstance(rig, Rig) else None
+    if chosen is None and (rig is not None or "rig" not in table):
+        chosen = load_rig(rig or THESIS)
+    setup = {"title": "setup", "duration": 1.0} | table
+    return Scenario.model_validate(setup, context=Origin(overridden=keys, rig=chosen)).parameters_at_start()
 
 
 def parse_scenario(

@@ -27,9 +27,9 @@ from cls_bench.controllers import Place
 from cls_bench.errors import InputError
 from cls_bench.input.faults import FaultError, problem_of, shown
 from cls_bench.input.files import read_file
-from cls_bench.input.tables import IN_FILE, LONGEST_LINE, Strict, place_of, worst
+from cls_bench.input.tables import LONGEST_LINE, Strict, place_of, worst
 from cls_bench.parameters import Parameters
-from cls_bench.parameters.override import differences, override, parameters_with
+from cls_bench.parameters.override import differences, nested, parameters_with
 from cls_bench.rigs import THESIS, Rig, find_rig
 from cls_bench.scenario.beyond import beyond_the_rig
 from cls_bench.scenario.entries import Change, Check, Controller, DriveStart, ExpectedTrip
@@ -109,6 +109,8 @@ class Scenario(Strict):
     def _in_one_line(cls, data: Any, handler: ModelWrapValidatorHandler["Scenario"], info: ValidationInfo) -> "Scenario":
         """As of every table, with the check of the whole."""
         origin = info.context if isinstance(info.context, Origin) else Origin()
+        if isinstance(data, Scenario):
+            return handler(data)
         try:
             try:
                 scenario = handler(data)
@@ -186,7 +188,11 @@ class Scenario(Strict):
     @property
     def table(self) -> dict[str, Any]:
         """The scenario as the table of its file, overrides placed in it."""
-        return self.model_dump(exclude_unset=True, exclude_none=True)
+        table = self.model_dump(exclude_unset=True, exclude_none=True)
+        for owner in (table, *table.get("changes", ())):
+            if owner.get("parameters"):
+                owner["parameters"] = nested(owner["parameters"])
+        return table
 
     @property
     def overrides(self) -> tuple[str, ...]:
@@ -255,9 +261,14 @@ class Scenario(Strict):
     def changed(self, values: Mapping[str, Any], *, rig: Rig | None = None) -> "Scenario":
         """The same with other values, by the keys that ``--set`` takes. Raises InputError."""
         table = copy.deepcopy(self.table)
+        if rig is not None:
+            values = {**values, "rig": rig.file if rig.is_file else rig.name}
         overridden = frozenset(place(table, key, value) for key, value in values.items())
+        same_rig = rig or (None if "rig" in values else self._rig)
+        others = any(key == "rig" or key.endswith(".file") for key in values)  # files that it has not read yet
         origin = Origin(
-            self.name, self.path, None, (), overridden, self._files, rig or self._rig, self._origin.file
+            self.name, self.path, None, (), overridden, None if others and rig is None else self._files, same_rig,
+            self._origin.file,
         )  # fmt: skip
         return Scenario.model_validate(table, context=origin)
 

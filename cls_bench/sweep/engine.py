@@ -90,10 +90,11 @@ def cores() -> int:
 
 @cache
 def sources() -> str:
-    """Hash of what results depend on: the package without command line and report, and the models."""
+    """Hash of what results depend on: the package without command line and report, the models and the rigs."""
     package = Path(__file__).parents[1]
     digest = hashlib.sha256()
-    for path in sorted([*package.rglob("*.py"), *model_folder().glob("*.xml")]):
+    models = model_folder()
+    for path in sorted([*package.rglob("*.py"), *models.glob("*.xml"), *models.glob("rigs/*.toml")]):
         if path.parent.name not in ("cli", "report"):
             digest.update(path.name.encode() + path.read_bytes())
     return digest.hexdigest()[:16]

@@ -26,9 +26,7 @@ go with every combination. Values are SI, as in ``--set``.
 """
 
 import itertools
-import json
 import math
-import re
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -38,11 +36,14 @@ from pydantic import Field, ValidationError, model_validator
 
 from cls_bench.controllers import fingerprint
 from cls_bench.errors import InputError
-from cls_bench.parameters import Parameters, leaves
-from cls_bench.resources import shipped_scenarios
-from cls_bench.scenario import Check, Scenario, load_scenario, parse_scenario
 from cls_bench.input.faults import nearest, shown
+from cls_bench.input.tables import IN_FILE
 from cls_bench.input.toml_file import read_toml
+from cls_bench.parameters.override import known_keys, not_in_use, whole_keys
+from cls_bench.resources import shipped_scenarios
+from cls_bench.rigs import Rig, find_rig
+from cls_bench.scenario import Check, Scenario, load_scenario
+from cls_bench.scenario.placing import IN_ENTRY, TOP
 from cls_bench.sweep.axes import MOST_POINTS, Array, Axis, Listed, Random, Strict
 from cls_bench.sweep.engine import Point
 from cls_bench.text import escaped
@@ -93,7 +94,7 @@ class Sweep(Strict):
     @cached_property
     def points(self) -> list[Point]:
         """The points in order: key -> value. Values of whole-number parameters are rounded."""
-        whole = {key for key, value, _ in leaves(Parameters()) if type(value) is int} | {"seed"}
+        whole = whole_keys() | {"seed"}
         listed = [
             [(axis.key, _rounded(value, axis.key in whole)) for value in axis.listed()]
             for axis in self.axes if isinstance(axis, Listed)
@@ -124,11 +125,6 @@ def _rounded(value: Any, whole: bool) -> Any:
     return round(value) if whole and isinstance(value, float) else value
 
 
-def override(key: str, value: Any) -> str:
-    """``KEY=VALUE`` as :func:`load_scenario` takes it; every float comes back as the same one."""
-    return f"{key}={json.dumps(value, ensure_ascii=False)}"
-
-
 class Plan:
     """A sweep with its scenario, checked: what is needed to evaluate a point."""
 
@@ -141,11 +137,17 @@ class Plan:
         """stem of the sweep file"""
         self.checks = _collected(sweep, scenario)
         """what is collected at every point"""
+        self.rigs = _rigs(sweep, scenario)
+        """rigs that an axis chooses among, by name"""
 
     @property
     def identity(self) -> str:
-        """What is evaluated, for the journal: both files, the samples they name, and the controller's sources."""
-        parts = [self.source, self.scenario.source, *self.scenario.sample_files.values()]
+        """What is evaluated, for the journal: both files, samples and rigs they name, and the controller's sources."""
+        parts = [
+            self.source, self.scenario.source, *self.scenario.sample_files.values(),
+            *(entry.encode() for entry in self.scenario.overrides),
+            *(rig.source for rig in self.rigs.values()),
+        ]  # fmt: skip
         place = self.scenario.controller_place
         controller = "" if place is None else fingerprint(place)
         return "\n".join([*(part.decode(errors="replace") for part in parts), controller])
@@ -168,8 +170,23 @@ def _collected(sweep: Sweep, scenario: Scenario) -> tuple[Check, ...]:
     return checks
 
 
-def load_sweep(path: Path) -> Plan:
-    """Read a sweep file and its scenario. Raises InputError with one line that says what is wrong."""
+def _rigs(sweep: Sweep, scenario: Scenario) -> dict[str, Rig]:
+    """The rigs of an axis ``rig``, as they are now."""
+    folder, found = scenario.path.parent if scenario.path else Path(), {}
+    for point in sweep.points if any(axis.key == "rig" for axis in sweep.axes) else ():
+        name = point["rig"]
+        if not isinstance(name, str):
+            raise InputError(f"axes: {shown(name)} is no rig; give names or files")
+        if name not in found:
+            found[name] = find_rig(name, folder)
+    return found
+
+
+def load_sweep(path: Path, *, rig: str | Path | None = None) -> Plan:
+    """Read a sweep file and its scenario; ``rig`` replaces the scenario's.
+
+    Raises InputError with one line that says what is wrong.
+    """
     from cls_bench.experiment import validate
 
     file = escaped(str(path), 500)
@@ -178,11 +195,11 @@ def load_sweep(path: Path) -> Plan:
     except OSError as error:
         raise InputError(f"{file}: cannot be read: {error.strerror}") from None
     try:
-        sweep = Sweep.model_validate(table)
+        sweep = Sweep.model_validate(table, context=IN_FILE)
     except ValidationError as failure:
         raise InputError(f"{file}: {_fault(failure)}") from None
     named = sweep.scenario
-    scenario = load_scenario(named if named in shipped_scenarios() else path.parent / named)
+    scenario = load_scenario(named if named in shipped_scenarios() else path.parent / named, rig=rig)
     try:
         _check_keys(sweep, scenario)
         plan = Plan(sweep, scenario, source, path.stem)
@@ -194,15 +211,19 @@ def load_sweep(path: Path) -> Plan:
 
 def _check_keys(sweep: Sweep, scenario: Scenario) -> None:
     """Refuse keys that no point could have; a parameter's value that is not valid is a row with its error."""
-    parameters = [key for key, _, _ in leaves(Parameters())]
+    varied = {axis.key for axis in sweep.axes}
+    parameters, other_rigs = scenario.parameters_at_start(), varied & {"rig", "gearbox.stages", "linkage.kind"}
     for k, axis in enumerate(sweep.axes):
-        if re.fullmatch(r"\w+\[\d+\]\..+", axis.key):
-            parse_scenario(scenario.source, path=scenario.path, set=[override(axis.key, sweep.points[0][axis.key])])
-        elif axis.key not in (*parameters, "duration", "seed"):
+        key = axis.key.removeprefix("parameters.")
+        if IN_ENTRY.fullmatch(key):
+            scenario.changed({key: sweep.points[0][axis.key]})
+        elif key not in (*known_keys(), *TOP):
             raise InputError(
                 f"axes[{k}].key: {shown(axis.key)} is unknown; valid are parameters (cls-bench list --parameters), "
-                "duration, seed, and entries such as squeeze[0].value"
+                "duration, seed, rig, and entries such as squeeze[0].value"
             )
+        elif not other_rigs and (missing := not_in_use(parameters, key)):
+            raise InputError(f"axes[{k}].key: {axis.key}: {missing}")
 
 
 def _fault(failure: ValidationError) -> str:

@@ -1,17 +1,40 @@
 """Evaluate a scenario at a point without writing a recording: only what the checks read is kept, in memory."""
 
 import math
+import threading
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 from cls_bench.analysis.memory import Memory
-from cls_bench.bench import Bench, DivergedError
+from cls_bench.bench import Bench, DivergedError, OuterLoop
+from cls_bench.drivers import scripted
 from cls_bench.errors import ControllerError
 from cls_bench.experiment import CONTROLLER_FAILED, ending, make_controller, measure
-from cls_bench.scenario import Check, Scenario, parse_scenario
+from cls_bench.parameters import Parameters
+from cls_bench.rigs import Rig
+from cls_bench.scenario import Scenario
 from cls_bench.sweep.engine import Point, Value
-from cls_bench.sweep.plan import Plan, override
+from cls_bench.sweep.plan import Plan
+
+_used = threading.local()
+"""The bench that a thread's last point was run on."""
+
+
+def _bench(parameters: Parameters, seed: int, loop: OuterLoop | None) -> Bench:
+    """A bench at its start: the one that this thread has, if it is of the same shape, else a new one."""
+    if loop is not None:
+        return Bench(parameters, seed=seed, controller=loop)
+    bench: Bench | None = getattr(_used, "bench", None)
+    try:
+        if bench is not None:
+            bench.reset(parameters, seed=seed)
+            return bench
+    except ValueError:  # other stages or rates
+        pass
+    _used.bench = None  # one at a time is kept
+    _used.bench = Bench(parameters, seed=seed)
+    made: Bench = _used.bench
+    return made
 
 
 def measure_in_memory(scenario: Scenario) -> dict[str, Value]:
@@ -26,11 +49,11 @@ def measure_in_memory(scenario: Scenario) -> dict[str, Value]:
     except ControllerError as error:  # no run came of it, so there is nothing to measure
         nothing = dict.fromkeys((check.name for check in scenario.checks), math.nan)
         return {"status": CONTROLLER_FAILED, "message": str(error), **nothing}
-    bench = Bench(parameters, seed=scenario.seed, controller=loop)
-    memory = Memory(scenario.checks)
+    bench = _bench(parameters, scenario.seed, loop)
+    memory = Memory(scenario.checks, bench.clock, bench.topics)
     failure: DivergedError | ControllerError | None = None
     try:
-        for block in bench.run(scenario):
+        for block in scripted.run(bench, scenario):
             memory.keep(block)
     except (DivergedError, ControllerError) as error:
         failure = error
@@ -44,21 +67,17 @@ def measure_in_memory(scenario: Scenario) -> dict[str, Value]:
 class ScenarioAt:
     """Evaluates a scenario at a point of a sweep."""
 
-    source: bytes
-    path: Path | None
-    checks: tuple[Check, ...]
-    samples: Mapping[str, bytes] | None
-    """sample files as they were when the sweep began; None where an axis chooses them"""
+    scenario: Scenario
+    """with the checks that are collected, and its files as they were when the sweep began"""
+    rigs: Mapping[str, Rig]
+    """those that an axis chooses among, as they were then"""
 
     @classmethod
     def of(cls, plan: Plan) -> "ScenarioAt":
         """What evaluates the points of ``plan``."""
-        chosen = any(axis.key.endswith(".file") for axis in plan.sweep.axes)
-        samples = None if chosen else dict(plan.scenario.sample_files)
-        return cls(plan.scenario.source, plan.scenario.path, plan.checks, samples)
+        return cls(plan.scenario.with_checks(plan.checks), plan.rigs)
 
     def __call__(self, point: Point) -> Mapping[str, Value]:
         """Status, message and metrics at ``point``."""
-        overrides = [override(key, value) for key, value in point.items()]
-        scenario = parse_scenario(self.source, path=self.path, set=overrides, sample_files=self.samples)
-        return measure_in_memory(scenario.with_checks(self.checks))
+        rig = self.rigs.get(str(point["rig"])) if "rig" in point else None
+        return measure_in_memory(self.scenario.changed(point, rig=rig))

@@ -1,0 +1,106 @@
+"""rigs."""
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from cls_bench.cli.output import number, print_json, print_table
+
+if TYPE_CHECKING:
+    from cls_bench.rigs import Rig
+
+_HEAD = (
+    ("inertia ratio", ""), ("lasting", "N"), ("peak", "N"), ("measured", "N"), ("breakout", "N"), ("play", "mm"),
+    ("encoder", "µm"), ("resonance", "Hz"), ("held", "Hz"), ("velocity", "Hz"), ("tight I", "kg·m²"),
+    ("least I", "kg·m²"),
+)  # fmt: skip
+"""Figures in the order of :class:`~cls_bench.rigs.Figures`, and the two of the linear model."""
+
+
+@click.command()
+@click.argument("names", metavar="[NAME|FILE.toml]...", nargs=-1)
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of tables.")
+def rigs(names: tuple[str, ...], as_json: bool) -> None:
+    """Compare the rigs that there are, or show those named with what was derived from their data sheets.
+
+    Forces are those of the hand at the grip: what the motor holds for good, its peak, what the load cell measures, and
+    what moves the control with the power off. Play and the encoder's step are those of the grip. Resonances are the
+    lowest of motor and control against each other, and of the control with the motor held; velocity is the bandwidth
+    of the drive's velocity loop. Tight I is the least simulated inertia at which the outer loop is stable when squeezed
+    tightly by the standard arm, least I that which is stable however the pilot grips, both by the linear model. A
+    scenario is run on a rig with --rig NAME.
+    """
+    from cls_bench.resources import shipped_rigs
+    from cls_bench.rigs import load_rig
+
+    found = [load_rig(name) for name in names or shipped_rigs()]
+    rows = [(rig, _figures(rig)) for rig in found]
+    if as_json:
+        print_json({
+            rig.name: {
+                "title": rig.title, **{key: _finite(value) for key, value in values.items()},
+                "derived": [
+                    {"key": d.key, "value": d.value, "unit": unit, "how": d.how} for d, unit in _derived(rig)
+                ],
+            }
+            for rig, values in rows
+        })  # fmt: skip
+        return
+    if names:
+        for rig, values in rows:
+            _show(rig, values)
+        return
+    print_table(
+        ("rig", *(f"{name} [{unit}]" if unit else name for name, unit in _HEAD)),
+        [(rig.name, *_cells(values)) for rig, values in rows],
+    )
+
+
+def _figures(rig: "Rig") -> dict[str, Any]:
+    """Figures of a rig by name, SI."""
+    from threadpoolctl import threadpool_limits
+
+    from cls_bench.linear.hand import Hand
+    from cls_bench.linear.least import least_inertia
+    from cls_bench.rigs import figures
+
+    with threadpool_limits(1):
+        tight, _ = least_inertia(rig.parameters, [Hand(1.0)])
+        least, hand = least_inertia(rig.parameters)
+    found = figures(rig.parameters)._asdict()
+    return {**found, "tight_inertia": tight, "least_inertia": least, "least_inertia_at": str(hand)}
+
+
+def _cells(values: dict[str, Any]) -> list[str]:
+    scaled = {**values, "backlash": 1e3 * values["backlash"], "encoder_step": 1e6 * values["encoder_step"]}
+    return [
+        "self-locking" if name == "breakout_force" and math.isinf(value) else "none" if math.isinf(value) else
+        number(value)
+        for name, value in scaled.items() if name != "least_inertia_at"
+    ]  # fmt: skip
+
+
+def _derived(rig: "Rig") -> list[tuple[Any, str]]:
+    from cls_bench.parameters.override import known_keys
+
+    return [(entry, known_keys()[entry.key]["unit"]) for entry in rig.derived]
+
+
+def _show(rig: "Rig", values: dict[str, Any]) -> None:
+    click.echo(f"{rig.name}: {rig.title}")
+    click.echo(rig.description.strip())
+    rows = [(name, cell, unit) for (name, unit), cell in zip(_HEAD, _cells(values), strict=True)]
+    if 0.0 < values["least_inertia"] < math.inf:
+        rows[-1] = (rows[-1][0], rows[-1][1], f"{rows[-1][2]}, at {values['least_inertia_at']}")
+    print_table(("figure", "value", "unit"), rows)
+    if rig.derived:
+        print_table(
+            ("derived", "value", "unit", "from"),
+            [(d.key, number(d.value) if isinstance(d.value, float) else str(d.value), unit, d.how)
+             for d, unit in _derived(rig)],
+        )  # fmt: skip
+
+
+def _finite(value: Any) -> Any:
+    return None if isinstance(value, float) and not math.isfinite(value) else value
