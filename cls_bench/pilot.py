@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cls_bench.hand import HandSamples
-from cls_bench.scenario import Chirp, Hold, Ramp, Release, Samples, Scenario, Segment, Sine, Step, tick_of
-from cls_bench.signals import TICK_S
+from cls_bench.scenario import Chirp, Hold, Ramp, Release, Samples, Scenario, Segment, Sine, Step
+from cls_bench.signals import Clock
 
 Array = NDArray[np.float64]
 
@@ -132,6 +132,8 @@ class _Piece(NamedTuple):
     first: int
     end: int
     profile: Profile
+    tick_s: float
+    """length of a tick [s]"""
     motion: bool = True
     attached: bool = True
     angle: float = 0.0
@@ -139,7 +141,7 @@ class _Piece(NamedTuple):
 
     def at(self, ticks: NDArray[np.int64]) -> tuple[Array, Array]:
         """Value and time derivative at tick numbers of the run."""
-        return self.profile((ticks - self.first).astype(np.float64) * TICK_S)
+        return self.profile((ticks - self.first).astype(np.float64) * self.tick_s)
 
     def last(self) -> float:
         """The value reached when the next piece starts."""
@@ -150,12 +152,13 @@ class HandTimeline:
     """The hand of a scenario, sampled tick by tick."""
 
     def __init__(self, scenario: Scenario):
-        self._hand = _hand_pieces(scenario.hand, scenario.ticks)
+        clock = scenario.clock
+        self._hand = _hand_pieces(scenario.hand, scenario.ticks, clock)
         self._squeeze: list[_Piece] = []
         grip = 0.0
-        ends = [*(tick_of(entry.at) for entry in scenario.squeeze[1:]), scenario.ticks]
+        ends = [*(clock.tick_of(entry.at) for entry in scenario.squeeze[1:]), scenario.ticks]
         for entry, end in zip(scenario.squeeze, ends, strict=False):
-            piece = _Piece(tick_of(entry.at), end, ramp(grip, entry.value, entry.over))
+            piece = _Piece(clock.tick_of(entry.at), end, ramp(grip, entry.value, entry.over), clock.tick_s)
             self._squeeze.append(piece)
             grip = piece.last()
 
@@ -182,11 +185,11 @@ class HandTimeline:
         return hand
 
 
-def _hand_pieces(segments: Sequence[Segment], ticks: int) -> list[_Piece]:
+def _hand_pieces(segments: Sequence[Segment], ticks: int, clock: Clock) -> list[_Piece]:
     pieces: list[_Piece] = []
     angle = force = 0.0
     motion = True
-    ends = [*(tick_of(segment.at) for segment in segments[1:]), ticks]
+    ends = [*(clock.tick_of(segment.at) for segment in segments[1:]), ticks]
     for segment, end in zip(segments, ends, strict=False):
         attached = not isinstance(segment, Release)
         if segment.aim is not None:
@@ -194,7 +197,7 @@ def _hand_pieces(segments: Sequence[Segment], ticks: int) -> list[_Piece]:
         elif not attached:
             motion = True
         profile = _profile(segment, angle if motion else force)
-        piece = _Piece(tick_of(segment.at), end, profile, motion, attached, angle)
+        piece = _Piece(clock.tick_of(segment.at), end, profile, clock.tick_s, motion, attached, angle)
         pieces.append(piece)
         if motion:
             angle, force = piece.last(), 0.0

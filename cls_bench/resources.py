@@ -1,4 +1,4 @@
-"""Where the models and scenarios that come with the package lie.
+"""Where the models, rigs and scenarios that come with the package lie.
 
 In a checkout they are the top-level folders ``models/`` and ``scenarios/``; a wheel carries them inside the package.
 """
@@ -26,3 +26,8 @@ def scenario_folder() -> Path:
 def shipped_scenarios() -> dict[str, Path]:
     """The shipped scenario files by name (the file's stem), in alphabetical order."""
     return {path.stem: path for path in sorted(scenario_folder().glob("*.toml"))}
+
+
+def shipped_rigs() -> dict[str, Path]:
+    """The rig files that come with the package by name (the file's stem), in alphabetical order."""
+    return {path.stem: path for path in sorted((model_folder() / "rigs").glob("*.toml"))}

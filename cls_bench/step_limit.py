@@ -1,18 +1,22 @@
 """Whether the plant's step can carry a set of parameters: the stability of its own integrator, checked before a run.
 
-Semi-implicit Euler is stable only up to a stiffness of about 4 inertia/step², and less where dampers act. The check
-writes one step of the small motions about neutral as a matrix and looks at its spectral radius, with every contact
-closed or open and the hand off, loose or tight, each element as stiff as it can get::
+Semi-implicit Euler is stable only up to a stiffness of about 4 inertia/step², and less where dampers act, as all forces
+are those of the step's start. The check writes one step of the small motions as a matrix and looks at its spectral
+radius, at neutral and at both stops, with every contact closed or open and the hand off, loose or tight, each element
+as stiff as it can get::
 
-    v⁺ = v + h M⁻¹ (K i e_θ − Σ g (c gᵀq + d gᵀv) − Σ (σ0 z + σ1 v)),   q⁺ = q + h v⁺,   z⁺ = z + h v
+    v⁺ = v + h M⁻¹ (K i e_θ − Σ a (c gᵀq + d gᵀv) − Σ (σ0 z⁺ + σ1 v)),   q⁺ = q + h v⁺,   z⁺ = z + h v
     i⁺ = E i − (1 − E) K/R ω,   E = exp(−h R/L)
 
-q are the angles of motor, carrier 1, crank, column and limb, z the three bristle deflections, i the motor current.
+a = g, but in a mesh that is driven: its friction follows its torque, and adds its loss to what the input shaft feels.
+q are the angles of the shafts from motor to crank, of column and limb, z the bristle deflections of the stages and of
+the bearing, i the motor current. The rod is a spring c = load_cell.stiffness between crank and column, g its levers.
 """
 
 import itertools
+import json
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -20,8 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cls_bench.errors import InputError
-from cls_bench.parameters import Parameters, leaves
-from cls_bench.signals import TICK_S
+from cls_bench.kinematics import crank_from_column, rod_angle
+from cls_bench.parameters import MOST_STAGES, PLANT, Parameters, leaves
 
 Array = NDArray[np.float64]
 
@@ -29,50 +33,52 @@ MARGIN = 2.5
 """The step has to be stable at this multiple of its length, which leaves eight steps to a period: ratios change with
 position, and contacts that open and close pump energy into an undamped mode of fewer steps (measured: seven)."""
 
-ROD_END = 0.7
-"""Greatest stiffness · step² / mass of the rod end on the load cell. The joint that closes the linkage is two steps
-soft, so within a step the rod end swings on the cell alone; measured: runs diverge above 1.0, none does at 0.8."""
+MOST_SUBSTEPS = 64
+"""Substeps that are tried."""
 
-MOTOR, CARRIER1, CRANK, COLUMN, LIMB = range(5)
+MOTOR = 0
+
+_STAGE_SUSPECTS: tuple[tuple[str, float], ...] = (
+    ("stiffness", 0.25), ("damping_ratio", 0.25), ("transmission_error", 0.25), ("inertia", 4.0), ("ratio", 0.5),
+    ("efficiency", 1.25),
+)  # fmt: skip
 
 _SUSPECTS: tuple[tuple[str, float], ...] = (
-    *((f"gearbox.{stage}.{name}", 0.25) for stage in ("stage1", "stage2")
-      for name in ("stiffness", "damping_ratio", "transmission_error")),
+    *((f"gearbox.stage{k}.{name}", factor) for k in range(1, MOST_STAGES + 1) for name, factor in _STAGE_SUSPECTS),
     ("gearbox.bristle_stiffness", 0.25), ("gearbox.bristle_damping", 0.25),
     ("load_cell.stiffness", 0.25), ("load_cell.damping_ratio", 0.25),
     ("column.bristle_stiffness", 0.25), ("column.viscous_friction", 0.25),
     ("column.stop_stiffness", 0.25), ("column.stop_damping", 0.25),
     *((f"limb.{name}", 0.25) for name in ("loose_stiffness", "tight_stiffness", "loose_damping", "tight_damping",
                                           "arm_stiffness", "arm_damping")),
-    ("motor.torque_constant", 0.25), ("motor.resistance", 4.0),
-    ("motor.rotor_inertia", 4.0), ("gearbox.input_inertia", 4.0), ("gearbox.carrier1_inertia", 4.0),
-    ("gearbox.carrier2_inertia", 4.0), ("linkage.crank_inertia", 4.0), ("column.inertia", 4.0), ("limb.mass", 4.0),
-    ("linkage.rod_end_mass", 4.0),
-    ("linkage.arm", 0.5), ("linkage.crank", 0.5), ("gearbox.ratio", 0.5), ("column.grip_height", 0.5),
+    ("motor.torque_constant", 0.25), ("motor.resistance", 4.0), ("motor.rotor_inertia", 4.0),
+    ("gearbox.input_inertia", 4.0), ("linkage.crank_inertia", 4.0), ("column.inertia", 4.0), ("limb.mass", 4.0),
+    ("linkage.arm", 0.5), ("linkage.crank", 0.5), ("column.grip_height", 0.5), ("rates.current_cycle", 0.5),
 )  # fmt: skip
 """Parameters that can be to blame, and the factor that would ease them."""
 
 
-class _Spring(NamedTuple):
-    lever: Array  # (5,)
-    stiffness: float
-    damping: float
-
-
 def unstable_parameter(p: Parameters) -> tuple[str, str] | None:
     """Key of the parameter to blame, and what is wrong with it, if the plant's step cannot carry ``p``; else None."""
-    return _unstable_parameter(p.model_dump_json())
+    return _unstable_parameter(json.dumps(p.model_dump(include={*PLANT, "rates", "simulation"})))
 
 
-@lru_cache(maxsize=64)  # file, sweep and bench all ask
+@lru_cache(maxsize=256)  # file, sweep and bench all ask; what drive and PLC are like makes no difference
 def _unstable_parameter(parameters: str) -> tuple[str, str] | None:
-    p = Parameters.model_validate_json(parameters)
-    step = TICK_S / p.simulation.substeps
+    p = Parameters.model_construct(**{
+        name: type(getattr(_DEFAULT, name)).model_validate(values) for name, values in json.loads(parameters).items()
+    })  # fmt: skip
+    tick = p.rates.current_cycle
+    step = tick / p.simulation.substeps
     if _spectral_radius(p, step) <= _STABLE:
         return None
     key, factor = _blame(p, step)
-    value, unit = next((value, about["unit"]) for name, value, about in leaves(p) if name == key)
-    enough = next((n for n in range(p.simulation.substeps + 1, 65) if _spectral_radius(p, TICK_S / n) <= _STABLE), None)
+    section, _, rest = key.partition(".")
+    value, unit = next(
+        (value, about["unit"]) for name, value, about in leaves(getattr(p, section)) if name == rest
+    )
+    more = range(p.simulation.substeps + 1, MOST_SUBSTEPS + 1)
+    enough = next((n for n in more if _spectral_radius(p, tick / n) <= _STABLE), None)
     return key, (
         f"{value:g}{'' if unit == '1' else ' ' + unit} is too {'high' if factor < 1.0 else 'low'} for a plant step of "
         f"{step * 1e6:g} µs, which would be unstable; "
@@ -86,105 +92,153 @@ def check_step(p: Parameters) -> None:
         raise InputError(f"parameters.{found[0]}: {found[1]}")
 
 
+_DEFAULT = Parameters()
+
 _STABLE = 1.0 + 1e-6
 """Spectral radius that passes: 1 is a free rotation, a double eigenvalue that rounding splits."""
 
 
-def _spectral_radius(p: Parameters, step: float) -> float:
-    """Largest magnitude of the one-step map's eigenvalues over all states of contacts and hand.
-
-    Or the rod end's stiffness over what is allowed, if that is greater and above 1.
-    """
-    worst = p.load_cell.stiffness * step**2 / (ROD_END * p.linkage.rod_end_mass)
-    for springs in _configurations(p):
-        matrix = _one_step(p, springs, MARGIN * step)
-        if not np.all(np.isfinite(matrix)):
-            return math.inf
-        worst = max(worst, float(np.max(np.abs(np.linalg.eigvals(matrix)))))
-    return worst
+class _Spring(NamedTuple):
+    lever: Array  # g, (joints,)
+    stiffness: float
+    damping: float
+    acting: Array | None = None  # a, where it is not g
 
 
-def _configurations(p: Parameters) -> Iterator[list[_Spring]]:
-    box, link, column, limb = p.gearbox, p.linkage, p.column, p.limb
-    inertia = _inertias(p)
+class _Position(NamedTuple):
+    """Where the linkage stands: levers of the rod's force about crank and column, and of a force across it [m]."""
 
-    def lever(**joints: float) -> Array:
-        row = np.zeros(5)
-        for name, value in joints.items():
-            row[{"motor": MOTOR, "carrier1": CARRIER1, "crank": CRANK, "column": COLUMN, "limb": LIMB}[name]] = value
+    crank: float
+    column: float
+    across: float
+    stopped: bool  # whether a stop block may act
+
+
+class _Chain:
+    """The inertias and what lies between them, as the plant steps them."""
+
+    def __init__(self, p: Parameters):
+        self.p = p
+        self.stages = p.gearbox.in_use
+        self.crank = len(self.stages)
+        self.column, self.limb = self.crank + 1, self.crank + 2
+        self.joints = self.crank + 3
+        shafts = [p.motor.rotor_inertia + p.gearbox.input_inertia, *(stage.inertia for stage in self.stages)]
+        shafts[-1] += p.linkage.crank_inertia
+        self.shafts = shafts
+
+    def positions(self) -> Iterator[_Position]:
+        link, stop = self.p.linkage, self.p.column.stop_angle
+        if link.kind == "none":
+            yield from (_Position(link.arm, link.arm, 0.0, stopped) for stopped in (False, True))
+            return
+        bar = link.four_bar
+        for column in (-stop, 0.0, stop):
+            crank = crank_from_column(bar, column)
+            rod = rod_angle(bar, crank, column)
+            of_crank, of_column = crank + bar.crank_angle - rod, column + bar.arm_angle - rod
+            yield _Position(
+                bar.crank * math.cos(of_crank), bar.arm * math.cos(of_column), bar.arm * math.sin(of_column),
+                column != 0.0,
+            )  # fmt: skip
+
+    def inertias(self, at: _Position) -> Array:
+        p = self.p
+        at_crank, far, end = p.linkage.masses
+        column = p.column.inertia + end * p.linkage.arm**2 + far * at.across**2
+        inertias = np.array([*self.shafts, column, p.limb.mass * p.column.grip_height**2])
+        inertias[self.crank] += at_crank * p.linkage.crank**2 + far * at.crank**2
+        return inertias
+
+    def lever(self, places: Mapping[int, float]) -> Array:
+        row = np.zeros(self.joints)
+        for place, value in places.items():
+            row[place] = value
         return row
 
-    def mesh(stage: str, before: str, behind: str, j_before: float, j_behind: float) -> _Spring:
-        s = getattr(box, stage)
-        j = j_before * box.ratio**2
-        damping = 2.0 * s.damping_ratio * math.sqrt(s.stiffness * j * j_behind / (j + j_behind))
-        slope = s.transmission_error * s.sun_teeth
-        return _Spring(lever(**{before: 1.0 / box.ratio + slope, behind: -1.0 - slope}), s.stiffness, damping)
+    def meshes(self) -> list[_Spring]:
+        springs = []
+        for k, stage in enumerate(self.stages):
+            one, other = self.shafts[k] * stage.ratio**2, self.shafts[k + 1]
+            damping = 2.0 * stage.damping_ratio * math.sqrt(stage.stiffness * one * other / (one + other))
+            slope = stage.transmission_error * stage.teeth
+            behind = 1.0 + (slope if stage.kind == "planetary" else 0.0)
+            lever = self.lever({k: 1.0 / stage.ratio + slope, k + 1: -behind})
+            loss = (1.0 / stage.efficiency - 1.0) * (1.0 + stage.ripple)
+            acting = lever + self.lever({k: loss / stage.ratio})
+            springs.append(_Spring(lever, stage.stiffness, damping, acting))
+        return springs
 
-    crank = link.crank_inertia + box.carrier2_inertia
-    stage1 = mesh("stage1", "motor", "carrier1", inertia[MOTOR], inertia[CARRIER1])
-    stage2 = mesh("stage2", "carrier1", "crank", inertia[CARRIER1], crank)
-    cell = _Spring(
-        lever(crank=-link.crank, column=link.arm), p.load_cell.stiffness,
-        2.0 * p.load_cell.damping_ratio
-        * math.sqrt(p.load_cell.stiffness * (link.rod_end_mass + column.inertia / link.arm**2)),
-    )  # fmt: skip
-    stops = _Spring(lever(column=1.0), column.stop_stiffness, column.stop_damping)
-    bearing = _Spring(lever(column=1.0), 0.0, column.viscous_friction)
-    area = column.grip_height**2
-    arm = _Spring(lever(limb=1.0), area * limb.arm_stiffness, area * limb.arm_damping)
-    grips = [
-        _Spring(lever(limb=1.0, column=-1.0), area * stiffness, area * damping)
-        for stiffness, damping in (
-            (0.0, 0.0), (limb.loose_stiffness, limb.loose_damping), (limb.tight_stiffness, limb.tight_damping),
-        )
+    def grips(self) -> list[_Spring]:
+        limb, area = self.p.limb, self.p.column.grip_height**2
+        between = self.lever({self.limb: 1.0, self.column: -1.0})
+        return [
+            _Spring(between, area * stiffness, area * damping)
+            for stiffness, damping in (
+                (0.0, 0.0), (limb.loose_stiffness, limb.loose_damping), (limb.tight_stiffness, limb.tight_damping),
+            )
+        ]  # fmt: skip
+
+    def configurations(self, at: _Position) -> Iterator[list[_Spring]]:
+        """All states of contacts and hand with the linkage as it stands."""
+        p, area = self.p, self.p.column.grip_height**2
+        carried = p.linkage.masses[2] + p.column.inertia / p.linkage.arm**2
+        cell = _Spring(
+            self.lever({self.crank: -at.crank, self.column: at.column}), p.load_cell.stiffness,
+            2.0 * p.load_cell.damping_ratio * math.sqrt(p.load_cell.stiffness * carried),
+        )  # fmt: skip
+        on_column = self.lever({self.column: 1.0})
+        bearing = _Spring(on_column, 0.0, p.column.viscous_friction)
+        stop = _Spring(on_column, p.column.stop_stiffness, p.column.stop_damping)
+        arm = _Spring(self.lever({self.limb: 1.0}), area * p.limb.arm_stiffness, area * p.limb.arm_damping)
+        meshes = self.meshes()
+        stopped = ([], [stop]) if at.stopped else ([],)
+        for closed in itertools.product((True, False), repeat=len(meshes)):
+            touching = list(itertools.compress(meshes, closed))
+            for block, grip in itertools.product(stopped, self.grips()):
+                yield [cell, bearing, arm, grip, *touching, *block]
+
+    def one_step(self, at: _Position, springs: list[_Spring], step: float) -> Array:
+        """Matrix of one step for the state (q, v, z, i)."""
+        p, n = self.p, self.joints
+        inertia = self.inertias(at)
+        end = p.column.inertia + p.linkage.masses[2] * p.linkage.arm**2
+        bearing_damping = 0.2 * math.sqrt(p.column.bristle_stiffness * end)
+        bristles = [(k, p.gearbox.bristle_stiffness, p.gearbox.bristle_damping) for k in range(len(self.stages))]
+        bristles.append((self.column, p.column.bristle_stiffness, bearing_damping))
+        size = 2 * n + len(bristles) + 1
+        current = size - 1
+        force = np.zeros((n, size))
+        for spring in springs:
+            coupling = np.outer(spring.lever if spring.acting is None else spring.acting, spring.lever)
+            force[:, :n] -= spring.stiffness * coupling
+            force[:, n : 2 * n] -= spring.damping * coupling
+        for number, (joint, stiffness, damping) in enumerate(bristles):
+            force[joint, 2 * n + number] -= stiffness
+            force[joint, n + joint] -= damping + stiffness * step  # the bristle goes on before it pulls
+        force[MOTOR, current] += p.motor.torque_constant
+        matrix = np.eye(size)
+        matrix[n : 2 * n] += step * force / inertia[:, None]
+        matrix[:n] += step * matrix[n : 2 * n]
+        for number, (joint, _, _) in enumerate(bristles):
+            matrix[2 * n + number, n + joint] = step
+        decay = math.exp(-step * p.motor.resistance / p.motor.inductance)
+        matrix[current, current] = decay
+        matrix[current, n + MOTOR] = -(1.0 - decay) * p.motor.torque_constant / p.motor.resistance
+        return matrix
+
+
+def _spectral_radius(p: Parameters, step: float) -> float:
+    """Largest magnitude of the one-step map's eigenvalues over all positions and states of contacts and hand."""
+    chain = _Chain(p)
+    maps = [
+        chain.one_step(at, springs, MARGIN * step)
+        for at in chain.positions() for springs in chain.configurations(at)
     ]  # fmt: skip
-    for closed1, closed2, stopped, grip in itertools.product((True, False), (True, False), (True, False), grips):
-        chosen = [cell, bearing, arm, grip]
-        chosen += [stage1] * closed1 + [stage2] * closed2 + [stops] * stopped
-        yield chosen
-
-
-def _inertias(p: Parameters) -> Array:
-    """Of motor, carrier 1, crank, column, limb at neutral [kg·m²]; the rod's masses go with the joint they follow."""
-    box, link, column = p.gearbox, p.linkage, p.column
-    rod = link.rod_crank_mass + link.rod_column_mass - link.rod_end_mass
-    return np.array([
-        p.motor.rotor_inertia + box.input_inertia,
-        box.carrier1_inertia,
-        box.carrier2_inertia + link.crank_inertia + rod * link.crank**2,
-        column.inertia + link.rod_end_mass * link.arm**2,
-        p.limb.mass * column.grip_height**2,
-    ])  # fmt: skip
-
-
-def _one_step(p: Parameters, springs: list[_Spring], step: float) -> Array:
-    """Matrix of one step for the state (q, v, z, i)."""
-    box, column, motor = p.gearbox, p.column, p.motor
-    inertia = _inertias(p)
-    bearing_damping = 0.2 * math.sqrt(column.bristle_stiffness * inertia[COLUMN])
-    bristles = (
-        (MOTOR, box.bristle_stiffness, box.bristle_damping),
-        (CARRIER1, box.bristle_stiffness, box.bristle_damping),
-        (COLUMN, column.bristle_stiffness, bearing_damping),
-    )
-    force = np.zeros((5, 14))
-    for spring in springs:
-        force[:, :5] -= spring.stiffness * np.outer(spring.lever, spring.lever)
-        force[:, 5:10] -= spring.damping * np.outer(spring.lever, spring.lever)
-    for number, (joint, stiffness, damping) in enumerate(bristles):
-        force[joint, 10 + number] -= stiffness
-        force[joint, 5 + joint] -= damping
-    force[MOTOR, 13] += motor.torque_constant
-    matrix = np.eye(14)
-    matrix[5:10] += step * force / inertia[:, None]
-    matrix[:5] += step * matrix[5:10]
-    for number, (joint, _, _) in enumerate(bristles):
-        matrix[10 + number, 5 + joint] = step
-    decay = math.exp(-step * motor.resistance / motor.inductance)
-    matrix[13, 13] = decay
-    matrix[13, 5 + MOTOR] = -(1.0 - decay) * motor.torque_constant / motor.resistance
-    return matrix
+    stacked = np.array(maps)
+    if not np.all(np.isfinite(stacked)):
+        return math.inf
+    return float(np.max(np.abs(np.linalg.eigvals(stacked))))
 
 
 def _blame(p: Parameters, step: float) -> tuple[str, float]:
@@ -192,10 +246,19 @@ def _blame(p: Parameters, step: float) -> tuple[str, float]:
 
     The defaults are stable, so one of those that differ from them is to blame.
     """
-    default = {key: value for key, value, _ in leaves(Parameters())}
-    changed = {key for key, value, _ in leaves(p) if value != default[key]}
-    suspects = [suspect for suspect in _SUSPECTS if suspect[0] in changed] or _SUSPECTS
-    return min(suspects, key=lambda suspect: _spectral_radius(_scaled(p, *suspect), step))
+    sections = (*PLANT, "rates")
+    default = {key: value for name in sections for key, value, _ in leaves(getattr(_DEFAULT, name), f"{name}.")}
+    present = {key: value for name in sections for key, value, _ in leaves(getattr(p, name), f"{name}.")}
+    unused = tuple(f"gearbox.stage{k}." for k in range(p.gearbox.stages + 1, MOST_STAGES + 1))
+    known = [suspect for suspect in _SUSPECTS if not suspect[0].startswith(unused or "?")]
+    suspects = [suspect for suspect in known if present[suspect[0]] != default[suspect[0]]] or known
+
+    def eased(suspect: tuple[str, float]) -> float:
+        scaled = _scaled(p, *suspect)
+        shorter = suspect[1] if suspect[0] == "rates.current_cycle" else 1.0
+        return _spectral_radius(scaled, shorter * step)
+
+    return min(suspects, key=eased)
 
 
 def _scaled(p: Parameters, key: str, factor: float) -> Parameters:

@@ -197,7 +197,7 @@ def _drive(axis: Any, tick: int, cycles: Cycles, due: Due) -> None:
         if drive.feed_forward_inertia:
             s.feed_forward += p.nameplate.load_inertia * acceleration
     if due.velocity and s.mode != servo.TORQUE:
-        servo.interpolate(s, due.position)
+        servo.interpolate(s, (tick % cycles.position // cycles.velocity + 1) * cycles.velocity / cycles.position)
         servo.velocity_controller(drive, gains, s, design.velocity_cycle)
     servo.current_controller(drive, p.nameplate, gains, s, current, design.voltage_limit, design.tick)
 

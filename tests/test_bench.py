@@ -12,13 +12,13 @@ import mujoco
 import numpy as np
 import pytest
 
-from cls_bench import bench as bench_module
 from cls_bench.bench import Bench, Command, DivergedError, OuterLoop
 from cls_bench.control import feel
+from cls_bench.drivers import scripted
 from cls_bench.errors import ControllerError, InputError
 from cls_bench.parameters import Column, Parameters, record_of
 from cls_bench.scenario import Scenario, parse_scenario
-from cls_bench.signals import POSE_TICKS, TOPICS
+from cls_bench.signals import TOPICS
 from tests.running import run
 
 SWAY = """
@@ -43,10 +43,8 @@ def test_another_seed_is_another_noise():
 
 
 @pytest.mark.parametrize("ticks", [8, 56, 2000])
-def test_how_a_run_is_cut_into_blocks_does_not_matter(monkeypatch, ticks):
-    whole = run(SWAY, duration=0.3)
-    monkeypatch.setattr(bench_module, "BLOCK_TICKS", ticks)
-    assert run(SWAY, duration=0.3).same_samples(whole)
+def test_how_a_run_is_cut_into_blocks_does_not_matter(ticks):
+    assert run(SWAY, duration=0.3, block_ticks=ticks).same_samples(run(SWAY, duration=0.3))
 
 
 def test_compiling_beforehand_does_not_matter():
@@ -56,7 +54,7 @@ def test_compiling_beforehand_does_not_matter():
         bench = Bench(scenario.parameters_at_start())
         if beforehand:
             bench.compile()
-        angles.append(np.concatenate([b.signals["/column"] for b in bench.run(scenario)]))
+        angles.append(np.concatenate([b.signals["/column"] for b in scripted.run(bench, scenario)]))
     np.testing.assert_array_equal(*angles)
 
 
@@ -84,13 +82,13 @@ def test_blocks_follow_on_each_other(duration):
     scenario = parse_scenario(f'title = "t"\nduration = {duration}\nchanges = [{{at = 0.0, mode = "position"}}]')
     bench = Bench(scenario.parameters_at_start())
     end = 0
-    for block in bench.run(scenario):
+    for block in scripted.run(bench, scenario):
         assert block.first_tick == end
-        assert 0 < block.ticks <= 4000
+        assert 0 < block.ticks <= bench.block_ticks == 4000
         for topic, rows in block:
             assert rows.shape == (topic.rows(block.first_tick, block.ticks), len(topic.signals))
             assert np.isfinite(rows).all()
-        assert block.poses.shape == (len(block.row_ticks(POSE_TICKS)), len(bench.body_names), 7)
+        assert block.poses.shape == (len(block.row_ticks(bench.clock.pose_ticks)), len(bench.body_names), 7)
         np.testing.assert_allclose(np.linalg.norm(block.poses[:, :, 3:], axis=2), 1.0)
         end = block.end_tick
     assert end == math.ceil(round(duration / 5e-5) / 8) * 8  # whole PLC cycles
@@ -100,15 +98,24 @@ def test_blocks_follow_on_each_other(duration):
 def test_a_bench_runs_once():
     scenario = parse_scenario('title = "t"\nduration = 0.01\n')
     bench = Bench(Parameters())
-    list(bench.run(scenario))
+    list(scripted.run(bench, scenario))
     with pytest.raises(RuntimeError, match="run already"):
-        next(bench.run(scenario))
+        next(scripted.run(bench, scenario))
 
 
 def test_the_model_travels_complete():
     bench = Bench(Parameters(column=Column(inertia=0.05)))
     model = mujoco.MjModel.from_xml_string(bench.mjcf["bench_as_run.xml"].decode())
-    np.testing.assert_allclose(model.body_inertia, bench.model.body_inertia, rtol=1e-5, atol=1e-12)
+    assert [model.body(k).name for k in range(model.nbody)] == list(bench.body_names)
+    stepped = bench.model
+    for joint in ("motor", "carrier1"):
+        assert model.body_inertia[model.joint(joint).bodyid[0]] == pytest.approx(stepped.body(joint).inertia, rel=1e-5)
+    column = model.body("column")
+    assert column.inertia[1] + column.mass[0] * column.ipos[2] ** 2 == pytest.approx(0.05, rel=1e-5)
+    rod_end = 0.15 * 0.175**2  # a body of its own there, part of the column in what is stepped
+    column = stepped.body("column")
+    assert column.inertia[1] + column.mass[0] * column.ipos[2] ** 2 == pytest.approx(0.05 + rod_end)
+    assert model.opt.timestep == stepped.opt.timestep == 5e-5
     assert {"cls_bench.xml", "scene.xml"} < set(bench.mjcf)
     assert bench.body_names[0] == "world"
     assert {g.kind for g in bench.geoms} >= {"box", "cylinder", "capsule"}
@@ -320,5 +327,6 @@ def test_ctrl_c_in_a_users_loop_passes_through():
     scenario = parse_scenario('title = "test"\nduration = 0.2')
     bench = Bench(scenario.parameters_at_start(), controller=Interrupted())
     with pytest.raises(KeyboardInterrupt):
-        list(bench.run(scenario))
+        list(scripted.run(bench, scenario))
     assert bench.time == pytest.approx(0.01)
+    assert isinstance(bench.failure, KeyboardInterrupt)

@@ -1,8 +1,7 @@
 """Metrics on signals whose value is known."""
 
 import math
-from collections.abc import Mapping, Sequence
-from types import SimpleNamespace
+from collections.abc import Mapping
 
 import numpy as np
 import pytest
@@ -12,25 +11,23 @@ from cls_bench.analysis.window import Array, Window
 from cls_bench.errors import InputError
 from cls_bench.parameters import Parameters
 from cls_bench.scenario import Check
+from cls_bench.signals import CLOCK, Clock, Column, Topic, topics
 
 TIME = np.arange(0.0, 4.0, 0.0004)
 
 
 class Signals:
-    """A recording of given signals at 2.5 kHz."""
+    """A recording of given signals, all others zero, at the PLC's rate."""
 
-    def __init__(self, **signals: Array):
+    def __init__(self, clock: Clock = CLOCK, **signals: Array):
+        self.clock, self.topics = clock, {topic.path: topic for topic in topics(clock)}
         self._signals = {"/" + name.replace("__", "."): values for name, values in signals.items()}
+        self._rows = next((len(values) for values in self._signals.values()), len(TIME))
 
-    def read(
-        self, topic: str, signals: Sequence[str] | None = None, start: float | None = None, end: float | None = None,
-        every: int = 1,
-    ) -> SimpleNamespace:  # fmt: skip
-        rows = slice(round((start or 0.0) / 0.0004), None if end is None else round(end / 0.0004))
-        values: Mapping[str, Array] = {
-            name: self._signals.get(f"{topic}.{name}", np.zeros(len(TIME)))[rows] for name in signals or ()
-        }
-        return SimpleNamespace(values=values, time=TIME[rows])
+    def samples_at(self, signal: str, ticks: range) -> Column:
+        assert ticks.step == self.clock.plc_ticks and ticks.start % ticks.step == 0
+        at = np.array([tick for tick in ticks if tick < self._rows * ticks.step], np.int64)
+        return Column(at, self._signals.get(signal, np.zeros(self._rows))[at // ticks.step])
 
 
 def measured(
@@ -258,12 +255,18 @@ class Declared:
     def __init__(self, source: Signals, allowed: frozenset[str]):
         self._source, self._allowed, self.asked = source, allowed, set[str]()
 
-    def read(self, topic: str, signals: Sequence[str] | None = None, *rest: float) -> SimpleNamespace:
-        assert signals is not None, f"all of {topic}"
-        for name in signals:
-            assert f"{topic}.{name}" in self._allowed, f"{topic}.{name} is read and not declared"
-            self.asked.add(f"{topic}.{name}")
-        return self._source.read(topic, signals, *rest)  # type: ignore[arg-type]
+    @property
+    def clock(self) -> Clock:
+        return self._source.clock
+
+    @property
+    def topics(self) -> Mapping[str, Topic]:
+        return self._source.topics
+
+    def samples_at(self, signal: str, ticks: range) -> Column:
+        assert signal in self._allowed, f"{signal} is read and not declared"
+        self.asked.add(signal)
+        return self._source.samples_at(signal, ticks)
 
 
 _SWAY = {"column__angle": 0.2 * np.sin(2 * math.pi * (TIME - 0.005)), "feel__angle": 0.2 * np.sin(2 * math.pi * TIME)}

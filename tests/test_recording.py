@@ -27,9 +27,10 @@ from cls_bench.errors import InputError, OutputError
 from cls_bench.geometry import Geom, along_z
 from cls_bench.recording import McapRecorder, Recorder, Recording, RunInfo
 from cls_bench.recording.layout import message_dtype
-from cls_bench.signals import POSE_TICKS, TICK_NS, TOPIC, TOPICS, Block, Event
+from cls_bench.signals import CLOCK, TOPIC, TOPICS, Block, Event
 
 BODIES = ("world", "crank", "column")
+TICK_NS, POSE_TICKS = CLOCK.tick_ns, CLOCK.pose_ticks
 
 
 def _geom(kind: str, body: int = 1, **changes: object) -> Geom:

@@ -34,9 +34,12 @@ from cls_bench.recording.samples import decode
 from cls_bench.recording.seal import SEAL_KEY, SEAL_METADATA, seal_of
 from cls_bench.report.recorded_run import NOT_MEASURED, RecordedRun
 from cls_bench.scenario import parse_scenario
-from cls_bench.signals import TICK_NS, TICK_S, TOPICS, Event
+from cls_bench.signals import CLOCK, TOPICS, Event
 from cls_bench.text import printable
+from tests.attacks.mcap_mutations import join, split
 from tests.test_recording import INFO, joined, make_block, make_blocks, record, same_bits
+
+TICK_NS, TICK_S = CLOCK.tick_ns, CLOCK.tick_s
 
 MAGIC = b"\x89MCAP0\r\n"
 HEAD = struct.Struct("<BQ")
@@ -588,6 +591,64 @@ def test_a_message_index_is_not_believed(run: Path, tmp_path: Path) -> None:
         for topic, series in expected.items():
             assert same_bits(found[topic].time, series.time)
             assert all(same_bits(found[topic][name], series[name]) for name in series.values)
+
+
+def doubts_of(path: Path) -> str:
+    recording = opened(path)
+    with quiet():
+        recording.verify()
+    return "\n".join(recording.doubts)
+
+
+def rejoined(source: Path, target: Path, change: Callable[[list[tuple[int, bytes]]], Any]) -> Path:
+    """The file with its records changed in place, its summary kept, and a footer that says where that begins now."""
+    content = source.read_bytes()
+    records = split(content)
+    change(records)
+    shorter = join(records)
+    start = struct.unpack_from("<Q", content, len(content) - len(MAGIC) - 20)[0] + len(shorter) - len(content)
+    end = len(shorter) - len(MAGIC) - 29
+    footer = HEAD.pack(FOOTER, 20) + struct.pack("<QQ", start, 0)
+    crc = zlib.crc32(footer, zlib.crc32(shorter[start:end]))
+    target.write_bytes(shorter[:end] + footer + struct.pack("<I", crc) + MAGIC)
+    return target
+
+
+def test_data_that_goes_on_behind_its_end_is_read_and_said(run: Path, tmp_path: Path) -> None:
+    """A record that ends the data, or a footer, in front of everything else hid all behind it without a word."""
+    whole = opened(run).read_all()
+    assert not opened(rejoined(run, tmp_path / "same.mcap", len)).doubts
+    for opcode in (DATA_END, FOOTER):
+
+        def ahead(records: list[tuple[int, bytes]], opcode: int = opcode) -> None:
+            records.insert(1, records[places(records, opcode)[-1]])
+
+        path = rejoined(run, tmp_path / f"ahead{opcode}.mcap", ahead)
+        found = opened(path).read_all()
+        assert [(topic, len(series)) for topic, series in found.items()] == [(t, len(s)) for t, s in whole.items()]
+        assert "goes on behind it" in doubts_of(path)
+
+
+@pytest.mark.parametrize(
+    ("opcode", "what"), [(CHUNK, "chunks"), (ATTACHMENT, "attachments"), (METADATA, "metadata records")]
+)
+def test_what_is_missing_between_records_is_counted(opcode: int, what: str, run: Path, tmp_path: Path) -> None:
+    """What was taken out as a whole leaves no hole to be seen: the summary counts."""
+
+    def taken_out(records: list[tuple[int, bytes]]) -> None:
+        del records[places(records, opcode)[-1]]
+
+    path = rejoined(run, tmp_path / "without.mcap", taken_out)
+    assert f" {what}, and its summary counts " in doubts_of(path)
+
+
+def test_a_signal_that_there_is_not_is_left_out_where_nothing_vouches_for_its_name(run: Path, tmp_path: Path) -> None:
+    """A letter of a schema changed in a file that was cut short, so that its summary with the checksum is gone."""
+    content = run.read_bytes()
+    path = tmp_path / "misspelt.mcap"
+    path.write_bytes(content[: len(content) - 40].replace(b"counts", b"coLnts", 1))
+    assert "coLnts" not in opened(path).topics["/load_cell"].names
+    assert '/load_cell has no signal "coLnts"' in doubts_of(path)
 
 
 def test_attachments_are_checked(run: Path, tmp_path: Path) -> None:

@@ -36,7 +36,7 @@ from cls_bench.recording.seal import seal_of
 from cls_bench.report.page import write_report
 from cls_bench.report.recorded_run import RecordedRun
 from cls_bench.scenario import parse_scenario
-from cls_bench.signals import TICK_NS, TOPIC, TOPICS, Block
+from cls_bench.signals import CLOCK, TOPIC, TOPICS, Block
 from tests.test_recording import INFO, make_block, make_blocks, rrd_columns, rrd_table
 from tests.test_recording_reading import with_result
 
@@ -344,7 +344,7 @@ def test_the_views_of_less(tmp_path: Path) -> None:
         assert {"/column", "/load_cell", "/plots/torque", "/bench/column"} <= set(found)
         assert not {"/drive", "/feel", "/plots/motor_torque"} & set(found)
         times, values = rrd_table(path, "/plots/torque", "Scalars:scalars")
-        assert times.tolist() == (np.arange(0, 16_000, 20) * TICK_NS).tolist() and len(values[0]) == 1  # type: ignore[arg-type]
+        assert times.tolist() == (np.arange(0, 16_000, 20) * CLOCK.tick_ns).tolist() and len(values[0]) == 1  # type: ignore[arg-type]
     page = write_report([RecordedRun(result.mcap)], tmp_path / "reports").read_text()
     assert "as measured by the run" in page and f"{result['tracking']:.4g}" in page
     assert RecordedRun(result.mcap).verdict == "passed"

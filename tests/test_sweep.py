@@ -426,11 +426,11 @@ def test_memory_holds_what_checks_read_and_no_more() -> None:
     del rows
     held, _ = tracemalloc.get_traced_memory()
     tracemalloc.stop()
-    assert len(memory.read("/column", ["angle"]).time) == 20_000
-    assert len(memory.read("/pilot", ["hand_force"], 1.0, 1.2).time) == 500
+    assert len(memory.samples_at("/column.angle", range(0, 200_000, 8)).ticks) == 20_000
+    assert len(memory.samples_at("/pilot.hand_force", range(20_000, 24_000, 8)).ticks) == 500
     assert held < 250_000  # 164 kB of samples, in 42 pieces
     with pytest.raises(KeyError, match=r"no check reads /column\.torque"):
-        memory.read("/column", ["angle", "torque"])
+        memory.samples_at("/column.torque", range(0, 8, 8))
 
 
 # --- the command -----------------------------------------------------------------------------------------------------

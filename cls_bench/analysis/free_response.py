@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 def forward_inertia(p: Parameters) -> float:
     """I_fwd [kg·m²]: column and rod end, all that is forward of the strain gauge."""
-    return p.column.inertia + p.linkage.rod_end_mass * p.linkage.arm**2
+    return p.column.inertia + p.linkage.masses[2] * p.linkage.arm**2
 
 
 def spring_torque(feel: Feel, angle: float) -> float:

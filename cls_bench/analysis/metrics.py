@@ -8,13 +8,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cls_bench import signals
 from cls_bench.analysis import free_response
 from cls_bench.analysis.window import Window, on_axis, split_signal, unit_of
 from cls_bench.errors import InputError
 from cls_bench.parameters import DEG
 from cls_bench.scenario import Check
-from cls_bench.scenario.faults import nearest, shown
-from cls_bench.signals import topics
+from cls_bench.input.faults import nearest, shown
 from cls_bench.text import escaped
 
 Array = NDArray[np.float64]
@@ -114,14 +114,14 @@ def unit(check: Check) -> str:
 
 
 def axis_of(check: Check) -> str:
-    """Name of the axis that the check is about; empty if there is but one."""
-    return str(getattr(check, "axis", ""))  # of scenarios with several axes
+    """Name of the axis that the check is about, as it says or as its signal does; empty if there is but one."""
+    return str(getattr(check, "axis", "")) or signals.axis_of(check.signal or "")
 
 
 def signals_of(check: Check) -> frozenset[str]:
     """All signals that the check may read: those of its metric, and the one that it names, on the check's axis."""
-    signals = {*METRICS[check.metric].signals, *([check.signal] if check.signal else [])}
-    return frozenset(on_axis(signal, axis_of(check)) for signal in signals)
+    names = {*METRICS[check.metric].signals, *([check.signal] if check.signal else [])}
+    return frozenset(on_axis(name, axis_of(check)) for name in names)
 
 
 def evaluate(check: Check, window: Window) -> Measured:
@@ -543,6 +543,6 @@ def _share(limit: str, meaning: str) -> None:
     _metric("1", signals=(signal,))(share)
 
 
-for _topic in topics():
+for _topic in signals.topics():
     for _signal in _topic.signals if _topic.path == "/limits" else ():
         _share(_signal.name, _signal.meaning)

@@ -74,8 +74,6 @@ class Window:
         self._ticks = range(first, max(last, first), every)
         self.rows = len(self._ticks)
         """number of samples of each signal"""
-        if self.rows > MOST_ROWS:
-            raise InputError(f"{start:g} to {end:g} s are {self.rows} samples at {self.rate:g} Hz, {MOST_ROWS} at most")
         self._read: dict[str, tuple[Array, str]] = {}
 
     @property
@@ -97,7 +95,8 @@ class Window:
     def __getitem__(self, signal: str) -> Array:
         """Samples of a signal such as ``/column.angle`` in its SI unit, shape (rows,).
 
-        Raises InputError if there is no such signal, or if it was not recorded at the PLC's rate.
+        Raises InputError if there is no such signal, if it was not recorded at the PLC's rate, or if there are more
+        than :data:`MOST_ROWS` samples.
         """
         if signal not in self._read:
             self._read[signal] = self._look_up(signal)
@@ -108,7 +107,8 @@ class Window:
 
     @cached_property
     def time(self) -> Array:
-        """Time since the start of the run, shape (rows,) [s]."""
+        """Time since the start of the run, shape (rows,) [s]. InputError beyond :data:`MOST_ROWS`."""
+        self._require_room()
         return np.asarray(np.array(self._ticks, np.int64) * self.clock.tick_ns / 1e9, np.float64)
 
     def is_complete(self, *signals: str) -> bool:
@@ -120,6 +120,7 @@ class Window:
 
     def _look_up(self, signal: str) -> tuple[Array, str]:
         """The samples, and what is wrong with them."""
+        self._require_room()
         topic, name = split_signal(on_axis(signal, self.axis))
         here = self._source.topics
         if topic not in here and not axis_of(topic) and (axes := [axis for axis in axes_of(here.values()) if axis]):
@@ -138,6 +139,11 @@ class Window:
         if sound.all():
             return values, ""
         return np.where(sound, values, np.nan), self._flaw(signal, values, there, sound)
+
+    def _require_room(self) -> None:
+        if self.rows > MOST_ROWS:
+            span = f"{self.start:g} to {self.end:g} s"
+            raise InputError(f"{span} are {self.rows} samples at {self.rate:g} Hz, {MOST_ROWS} at most")
 
     def _flaw(self, signal: str, values: Array, there: NDArray[np.bool_], sound: NDArray[np.bool_]) -> str:
         """What is wrong with samples of which some are not ``there``, or there but not ``sound``."""

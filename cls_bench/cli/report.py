@@ -78,7 +78,7 @@ def compare(first: Path, second: Path, signals: tuple[str, ...], window: tuple[f
         changed = [(key, f"{x}", f"{y}", unit) for key, x, y, unit in comparison.parameter_differences(a, b)]
         left_out: list[str] = []
         span = Span(*window) if window else None
-        pictures = list(comparison.overlays(a, b, signals or comparison.SIGNALS, span, left_out))
+        pictures = list(comparison.overlays(a, b, signals or comparison.signals_of(a), span, left_out))
         for run in (a, b):
             say_doubts(run.path, run.doubts)
     sections = []

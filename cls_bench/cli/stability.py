@@ -18,8 +18,8 @@ from cls_bench.errors import ExitCode, InputError, Interrupted, OutputError
 
 if TYPE_CHECKING:
     from cls_bench.analysis.frequency import FrequencyResponse
-    from cls_bench.linear.variation import Setup, Variation
     from cls_bench.controllers import Place
+    from cls_bench.linear.variation import Setup, Variation
     from cls_bench.stability.onset import Onset
     from cls_bench.stability.trial import Standard
 
@@ -224,10 +224,14 @@ def predict(overrides: tuple[str, ...], grip: str, ideal: bool, as_json: bool) -
     from cls_bench.linear.variation import variation
 
     setup = _setup(overrides, grip, ideal)
+
+    def unit(name: str) -> str:
+        return variation(name, of=setup.parameters).unit
+
     with threadpool_limits(1):
         p = predicted(setup)
         critical_at = {
-            name: critical(setup, variation(name))
+            name: critical(setup, variation(name, of=setup.parameters))
             for name in ("feel.inertia", "forward_inertia", "limb_mass", "squeeze", "delay")
             if setup.hand.squeeze is not None or name in ("feel.inertia", "delay")
         }
@@ -245,7 +249,7 @@ def predict(overrides: tuple[str, ...], grip: str, ideal: bool, as_json: bool) -
                      f"onset at {p.rule.critical_ratio:.3f}"),
         ("P of the bare column", f"f_180 = {p.rule.crossover:.1f} Hz, "
                                  f"M_P180 = {20 * math.log10(p.rule.magnitude):.1f} dB"),
-        *((f"critical {name}", "none in its range" if value is None else f"{value:.4g} {variation(name).unit}")
+        *((f"critical {name}", "none in its range" if value is None else f"{value:.4g} {unit(name)}")
           for name, value in critical_at.items()),
     ]  # fmt: skip
     print_table(("predicted", ""), rows)
@@ -269,9 +273,10 @@ def onset(
     """Search where the running bench turns unstable."""
     from cls_bench.linear.variation import variation
 
-    quantity = variation(vary, low, high)
+    setup = _setup(overrides, grip, ideal)
+    quantity = variation(vary, low, high, of=setup.parameters)
     found = _find(
-        controller, _setup(overrides, grip, ideal), quantity, _standard(ideal, rate_deg, pulse, seed), quiet=as_json,
+        controller, setup, quantity, _standard(ideal, rate_deg, pulse, seed), quiet=as_json,
         tolerance=tolerance,
     )  # fmt: skip
     last = found.last_unstable
@@ -337,23 +342,25 @@ def stability_map(
     Ctrl-C keeps the points that are done, in points.jsonl; --resume continues from there.
     """
     began = time.time()
-    from cls_bench.linear.variation import variation
     from cls_bench.claims import replaced
     from cls_bench.experiment import RECORDINGS
+    from cls_bench.linear.variation import variation
     from cls_bench.report.style import save
     from cls_bench.stability import figures
     from cls_bench.stability.map import Grid, compute, default_grid, table
 
-    usual = default_grid()
+    setup = _setup(overrides, grip, ideal)
+    usual = default_grid(setup.parameters)
     axes = []
     for name, ends, default in ((x, x_range, usual.x), (y, y_range, usual.y)):
-        axes.append(default if ends is None and name == default.name else variation(name, *(ends or (None, None))))
+        axes.append(default if ends is None and name == default.name else
+                    variation(name, *(ends or (None, None)), of=setup.parameters))
     folder = results_folder(out or RECORDINGS / "stability-map", began, resume=resume)
     journal = folder / "points.jsonl"
     try:
         with points_progress(quiet=as_json) as report:
             result = compute(
-                _setup(overrides, grip, ideal), Grid(axes[0], axes[1], *size),
+                setup, Grid(axes[0], axes[1], *size),
                 _standard(ideal, rate_deg, pulse, seed), journal=journal, resume=resume, scheduler=scheduler,
                 report=report, say=lambda line: click.echo(line, err=True),
             )  # fmt: skip
@@ -395,15 +402,16 @@ def stabilisers(
     from cls_bench.experiment import RECORDINGS
     from cls_bench.report.style import save
     from cls_bench.stability import figures
-    from cls_bench.stability.stabilisers import HIGHEST, compare
+    from cls_bench.stability.stabilisers import compare, search_range
 
+    setup = _setup(overrides, grip, ideal)
     with points_progress(quiet=as_json) as report:
         found = compare(
-            _setup(overrides, grip, ideal), _standard(ideal, rate_deg, pulse, seed), scheduler=scheduler, report=report
+            setup, _standard(ideal, rate_deg, pulse, seed), scheduler=scheduler, report=report
         )
     folder = results_folder(out or RECORDINGS / "stabilisers", began)
     try:
-        written = save(figures.stabilisers(found, HIGHEST), folder / "stabilisers")
+        written = save(figures.stabilisers(found, search_range(setup.parameters)[1]), folder / "stabilisers")
     except OSError as error:
         raise OutputError(f"cannot write {folder}: {error.strerror}") from None
     if as_json:
@@ -458,7 +466,8 @@ def check_onset(
     wanted = 0.0 if min_margin is None else min_margin
     setup = _setup(overrides, "1", ideal)
     standard = _standard(ideal, rate_deg, pulse, seed)
-    found = _find(controller, setup, variation("forward_inertia"), standard, quiet=True, follow=False)
+    vary = variation("forward_inertia", of=setup.parameters)
+    found = _find(controller, setup, vary, standard, quiet=True, follow=False)
     inertia, present = setup.parameters.feel.inertia, forward_inertia(setup.parameters, setup.hand)
     critical = found.value if found.value is not None else 0.0 if found.stable_at is None else math.inf
     ratio, margin = critical / inertia, critical / present - 1.0

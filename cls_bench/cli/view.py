@@ -32,12 +32,38 @@ HERE = "127.0.0.1"
 @click.option("--serve", is_flag=True, help="Serve it to a browser on this machine instead of opening a window.")
 @click.option("--port", type=click.IntRange(1, 65534), default=WEB_PORT, show_default=True,
               help="Port of --serve; the next one carries the data.")  # fmt: skip
-def view(recordings: tuple[Path, ...], serve: bool, port: int) -> None:
+@click.option("--layout", metavar="FILE", type=click.Path(path_type=Path),
+              help="Write a layout for Lichtblick or Foxglove that fits the recording; open nothing.")  # fmt: skip
+def view(recordings: tuple[Path, ...], serve: bool, port: int, layout: Path | None) -> None:
     """Open recordings (.mcap or .rrd) in the Rerun viewer; several stand side by side.
 
     A recording without its .rrd is converted first; the .mcap alone is enough.
     """
+    if layout is not None:
+        write_layout(recordings, layout)
+        return
     view_recordings(recordings, serve=serve, port=port)
+
+
+def write_layout(recordings: Sequence[Path], path: Path) -> None:
+    """Write a layout for Lichtblick or Foxglove for a recording. Raises InputError and OutputError."""
+    import json
+
+    from cls_bench.claims import cannot_write, write_text
+    from cls_bench.recording import Recording
+    from cls_bench.recording.foxglove_layout import foxglove_layout
+
+    if len(recordings) > 1:
+        raise InputError("--layout takes one recording")
+    with doubts_instead_of_warnings():
+        recording = Recording(recordings[0].with_suffix(".mcap"))
+        known = {topic.path for topic in recording.known_topics}
+    recorded = [topic for topic in recording.topics.values() if topic.path in known]
+    try:
+        write_text(path, json.dumps(foxglove_layout(recorded), indent=2, ensure_ascii=False) + "\n")
+    except OSError as error:
+        raise cannot_write(path, error) from None
+    click.echo(path)
 
 
 def require_display(instead: str) -> None:

@@ -120,10 +120,12 @@ def torque_command(drive: Any, state: Any, encoder: float) -> None:
 
 
 @compiled
-def interpolate(state: Any, position_cycle: bool) -> None:
-    """Set velocity halfway between the last two outputs of the position controller, then the newest (thesis 3.6.1)."""
-    newest = state.position_output
-    state.set_velocity = 0.5 * (state.position_output_before + newest) if position_cycle else newest
+def interpolate(state: Any, share: float) -> None:
+    """Set velocity on the way from the last output of the position controller to the newest (thesis 3.6.1).
+
+    ``share`` grows over the velocity cycles of a position cycle to 1: halfway, then the newest, where there are two.
+    """
+    state.set_velocity = (1.0 - share) * state.position_output_before + share * state.position_output
 
 
 @compiled

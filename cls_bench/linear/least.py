@@ -1,5 +1,6 @@
 """The least simulated inertia that is stable however the pilot grips, by the linear model."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -35,25 +36,27 @@ def least_inertia(
     """
     default = search_range(p)
     low, high = default[0] if low is None else low, default[1] if high is None else high
-    values = np.geomspace(high, low, STEPS)
+    values = [float(value) for value in np.geomspace(high, low, STEPS)]
     worst, which = 0.0, grips[0]
     for hand in grips:
+        if math.isinf(worst):
+            break
         if (value := _onset(p, hand, values, worst)) > worst:
             worst, which = value, hand
     return worst, which
 
 
-def _onset(p: Parameters, hand: Hand, values: Sequence[float] | np.ndarray, beyond: float) -> float:
+def _onset(p: Parameters, hand: Hand, values: Sequence[float], beyond: float) -> float:
     """Greatest unstable inertia of a grip that is ``beyond`` one, from the top of the falling ``values`` on; else 0."""
 
     def growth(inertia: float) -> float:
-        return LinearBench(changed(p, "feel.inertia", float(inertia)), hand).growth_rate
+        return LinearBench(changed(p, "feel.inertia", inertia), hand).growth_rate
 
     if beyond > 0.0:
         values = [*(value for value in values if value > beyond), beyond]
     above: float | None = None
     for value in values:
         if growth(value) > 0.0:
-            return float("inf") if above is None else float(brentq(growth, value, above, rtol=1e-4))
-        above = float(value)
+            return math.inf if above is None else float(brentq(growth, value, above, rtol=1e-4))
+        above = value
     return 0.0

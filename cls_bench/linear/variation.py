@@ -68,6 +68,11 @@ def _rounded(value: float) -> float:
     return float(f"{value:.1e}")
 
 
+def of_bare(p: Parameters, factor: float) -> float:
+    """``factor`` times the bare column's I_fwd [kg·m²], rounded to one digit."""
+    return float(f"{factor * forward_inertia(p, Hand(None)):.0e}")
+
+
 def variation(
     name: str, low: float | None = None, high: float | None = None, *, of: Parameters | None = None
 ) -> Variation:

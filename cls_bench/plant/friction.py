@@ -18,7 +18,11 @@ def advance(
     bristle: float, velocity: float, coulomb: float, breakaway_ratio: float, stiffness: float, damping: float,
     stribeck: float, step: float,
 ) -> tuple[float, float]:  # fmt: skip
-    """Friction torque [N·m] against the motion in the present state, and the bristle's deflection a ``step`` on [rad].
+    """Friction torque [N·m] against the motion in the present state, and the bristle's deflection there [rad].
+
+    ``bristle`` is the deflection a ``step`` before: the velocity, that of the step which led here, has moved the joint
+    already, so it bends the bristle before the bristle pulls. The other way round the torque is a step late, and a
+    bristle that σ1 no longer damps pumps: with friction that follows the load, up to divergence.
 
     A friction level that falls with the load must not leave bristles behind that are bent further than it can hold:
     the deflection is cut back to breakaway. The presliding damping σ1 fades out as exp(−(v/v_S)²) (Olsson et al. 1998)
@@ -33,12 +37,12 @@ def advance(
     speed = abs(velocity)
     decay = stiffness * speed / (level * (1.0 + (breakaway_ratio - 1.0) * fade))
     rate = velocity - decay * z
-    damped = damping * fade
-    if damped * speed > level:
-        damped = level / speed
-    torque = stiffness * z + damped * rate
     if decay * step > 1e-9:
         z += -math.expm1(-decay * step) / decay * rate
     else:
         z += step * rate
+    damped = damping * fade
+    if damped * speed > level:
+        damped = level / speed
+    torque = stiffness * z + damped * (velocity - decay * z)
     return torque, z

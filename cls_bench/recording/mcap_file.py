@@ -10,6 +10,7 @@ import os
 import stat
 import struct
 import zlib
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -60,6 +61,7 @@ LIMITS = Limits()
 _HEAD = struct.Struct("<BQ")  # opcode and length of a record
 _CHUNK_HEAD = struct.Struct("<QQQII")  # first and last time, size, CRC, length of the compression's name
 _MESSAGE_HEAD = struct.Struct("<BQHIQ")  # opcode, length, channel, sequence, log time
+_STATISTICS = struct.Struct("<QHIIII")  # messages, schemas, channels, attachments, metadata records, chunks
 _FOOTER = struct.Struct("<BQQQI")  # with its opcode and length
 _INDEXED = np.dtype([
     ("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("time", "<u8"),
@@ -133,6 +135,8 @@ class Chunk:
     end_ns: int
     indexes: dict[int, tuple[int, int]] = field(default_factory=dict)
     """channel -> offset and length of the entries of its message index"""
+    bare: bool = False
+    """whether it is such a stretch"""
     surveyed: bool = False
     """whether its schemas, channels and times were taken from its content"""
     index_holds: bool = False
@@ -159,16 +163,21 @@ class McapFile:
         self.faults: list[str] = []
         """what is wrong with the file, one line each; chunks that cannot be read are not among them"""
         self.truncated = True
+        self.vouched = False
+        """whether schemas and channels have a checksum that is right: only those of a summary can have one"""
         self._room = {"attachments": LIMITS.attachments, _TEXT: LIMITS.text}
         self._indexes = 0
+        self._found: Counter[int] = Counter()
         with self.open() as file:
             self._end = file.seek(0, os.SEEK_END)
             file.seek(0)
             magic = file.read(len(MCAP0_MAGIC))
             if magic != MCAP0_MAGIC:
                 raise InputError(f"{path}: not a recording of cls-bench: {'no MCAP file' if magic else 'it is empty'}")
-            self._scan(file)
-            self._read_summary(file)
+            data_end = self._data_end(file)
+            self._scan(file, len(MCAP0_MAGIC), data_end)
+            if data_end is not None and data_end < self._footer_at:
+                self._read_summary(file, data_end)
             named = {channel for chunk in self.chunks for channel in chunk.indexes}
             named |= self._survey(file, [chunk for chunk in self.chunks if not chunk.indexes])
             if not self._knows(named) or not self._follow_each_other():
@@ -246,29 +255,39 @@ class McapFile:
 
     # --- what lies where ---------------------------------------------------------------------------------------------
 
-    def _scan(self, file: IO[bytes]) -> None:
-        """Note all records up to the end of the data section, or of the file."""
-        at = before = len(MCAP0_MAGIC)
-        while at + _HEAD.size <= self._end:
+    def _scan(self, file: IO[bytes], at: int, data_end: int | None) -> None:
+        """Note all records up to the summary, or to the end of the file if it is not known where that is.
+
+        The record that ends the data is believed only where the summary begins: behind any other there may be more.
+        """
+        end = self._end if data_end is None else data_end
+        before = at
+        while at + _HEAD.size <= end:
             file.seek(at)
             opcode, length = _HEAD.unpack(file.read(_HEAD.size))
             body = at + _HEAD.size
             if not self._is_record(opcode, body, length):
                 following = self._next_landmark(file, before + 1)
-                if following is None:
+                if following is None or following >= end:
+                    if data_end is not None:
+                        self.faults.append(f"there is damage between its bytes {min(before, at)} and {end}")
                     return
                 first, last = min(before, following), max(at, following)
                 self.faults.append(f"there is damage between its bytes {first} and {last}")
                 at = before = following
                 continue
             if opcode in (Opcode.DATA_END, Opcode.FOOTER):
-                return
+                if data_end is None or body + length >= end:
+                    return
+                self.faults.append(f"its data ends at its byte {at}, and goes on behind it")
             before = at
             if opcode == Opcode.MESSAGE:
                 at = self._add_bare(file, at)
                 continue
             self._add(file, opcode, body, length)
             at = body + length
+        if data_end is not None:
+            self.faults.append("the end of its data is not marked")
 
     def _is_record(self, opcode: int, body: int, length: int) -> bool:
         return opcode != 0 and _LEAST.get(opcode, 0) <= length <= self._end - body  # type: ignore[call-overload]
@@ -304,6 +323,7 @@ class McapFile:
 
     def _add(self, file: IO[bytes], opcode: int, body: int, length: int) -> None:
         """Take over a record that is no message."""
+        self._found[opcode] += 1
         match opcode:
             case Opcode.CHUNK:
                 self._add_chunk(file, body, length)
@@ -415,41 +435,76 @@ class McapFile:
         if not place:
             self.faults.append("a message has a time that is not one of a run")
             return at + int(_HEAD.unpack_from(data)[1]) + _HEAD.size
-        self.chunks.append(Chunk(at, place, place, 0, b"", first, last, surveyed=True))
+        self.chunks.append(Chunk(at, place, place, 0, b"", first, last, bare=True, surveyed=True))
         return at + place
 
-    def _read_summary(self, file: IO[bytes]) -> None:
-        """Take schemas and channels from the summary if its checksum is right: elsewhere they have none."""
-        footer_at = self._end - len(MCAP0_MAGIC) - _FOOTER.size
+    def _data_end(self, file: IO[bytes]) -> int | None:
+        """Where the data ends: at the summary, or at the footer if there is none; None if there is no footer.
+
+        A file that ends as it should was not cut short; without a footer there all the same, it was damaged.
+        """
+        footer_at = self._footer_at
         if footer_at < len(MCAP0_MAGIC):
-            return
+            return None
         file.seek(footer_at)
         tail = file.read()
         if tail[_FOOTER.size :] != MCAP0_MAGIC:
-            return
+            return None
         self.truncated = False
-        opcode, length, start, _, crc = _FOOTER.unpack_from(tail)
-        if opcode != Opcode.FOOTER or length != _FOOTER.size - _HEAD.size or not len(MCAP0_MAGIC) <= start < footer_at:
-            return
+        opcode, length, start, _, _ = _FOOTER.unpack_from(tail)
+        if opcode == Opcode.FOOTER and length == _FOOTER.size - _HEAD.size:
+            if start == 0:
+                return footer_at
+            if len(MCAP0_MAGIC) <= start <= footer_at:
+                return int(start)
+        self.faults.append("its footer is damaged")
+        return None
+
+    @property
+    def _footer_at(self) -> int:
+        return self._end - len(MCAP0_MAGIC) - _FOOTER.size
+
+    def _read_summary(self, file: IO[bytes], start: int) -> None:
+        """Take schemas and channels from the summary if its checksum is right: elsewhere they have none.
+
+        It also counts what is in the file: what is missing is said.
+        """
+        footer_at = self._footer_at
         if footer_at - start > LIMITS.text + LIMITS.chunk:
             return
         file.seek(start)
         summary = file.read(footer_at - start)
-        if crc and zlib.crc32(tail[: _FOOTER.size - 4], zlib.crc32(summary)) != crc:
+        file.seek(footer_at)
+        footer = file.read(_FOOTER.size)
+        crc = _FOOTER.unpack(footer)[-1]
+        if crc and zlib.crc32(footer[:-4], zlib.crc32(summary)) != crc:
             self.faults.append("its summary has a wrong checksum")
             return
         schemas, channels = dict(self.schemas), dict(self.channels)
+        self.vouched = crc != 0
         if crc:
             self.schemas.clear()
             self.channels.clear()
         for opcode, content in _records(summary):
             if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
                 self._add_text(opcode, content)
+            elif opcode == Opcode.STATISTICS and len(content) >= _STATISTICS.size:
+                self._count(*_STATISTICS.unpack_from(content)[3:])
         if any(self.schemas.get(key, schema) != schema for key, schema in schemas.items()) or any(
             self.channels.get(key, channel) != channel for key, channel in channels.items()
         ):
             self.faults.append("schemas or channels differ from those in its summary, which are used")
         self.schemas, self.channels = schemas | self.schemas, channels | self.channels
+
+    def _count(self, attachments: int, metadata: int, chunks: int) -> None:
+        """Hold what was found against what the summary counts."""
+        for what, found, counted in (
+            ("chunks", sum(not chunk.bare for chunk in self.chunks), chunks),
+            ("attachments", self._found[Opcode.ATTACHMENT], attachments),
+            ("metadata records", self._found[Opcode.METADATA], metadata),
+        ):
+            if found != counted:
+                self.faults.append(f"it holds {found} {what}, and its summary counts {counted}")
 
     def _knows(self, channels: set[int]) -> bool:
         return all(k in self.channels and self.channels[k].schema_id in {0, *self.schemas} for k in channels)

@@ -70,6 +70,9 @@ MOST_AXES = 8
 LONGEST_TEXT = 1000
 """Characters of a text in the file, such as an event's, that are shown."""
 
+_NAMES = {topic.path.strip("/"): topic.names for topic in topics(stages=MOST_STAGES)}
+"""Signals that a topic of an axis can have."""
+
 Times = NDArray[np.uint64]
 _T = TypeVar("_T")
 Array = NDArray[np.float64]
@@ -440,6 +443,12 @@ class Recording:
             except (DecodeError, KeyError, ValueError):
                 fields, ticks = {}, 0
             path = channel.topic
+            known_names = _NAMES.get(path.rpartition("/")[2])
+            if not self._file.vouched and known_names:  # a letter of a name may have changed
+                strange = [name for name in fields.values() if name not in known_names]
+                fields = {number: name for number, name in fields.items() if name not in strange}
+                for name in strange:
+                    self._file.faults.append(f'{path} has no signal "{printable(name, 100)}": it is left out')
             if not fields or not 1 <= ticks <= 1_000_000 or path != printable(path):
                 raise self._damaged(f'topic "{printable(path, 100)}" cannot be understood')
             about = {key: printable(text, LONGEST_TEXT) for key, text in channel.metadata.items()}

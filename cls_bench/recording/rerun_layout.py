@@ -9,22 +9,22 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from cls_bench.signals import EVENTS_TOPIC, MOST_STAGES, Topic, axes_of
+from cls_bench.recording.palette import (
+    MEASURED,
+    MODEL,
+    MOTOR,
+    PILOT,
+    QUIET,
+    STAGE1,
+    STAGE2,
+    STAGE3,
+    STAGES,
+    Color,
+)
+from cls_bench.signals import EVENTS_TOPIC, Topic, axes_of
 
 TIMELINE = "sim_time"
 """Timeline of all data: time since the start of the run."""
-
-Color = tuple[int, int, int]
-
-PILOT: Color = (230, 159, 0)
-MEASURED: Color = (86, 180, 233)
-MODEL: Color = (255, 138, 76)
-MOTOR: Color = (47, 199, 157)
-STAGE1: Color = (204, 121, 167)
-STAGE2: Color = (240, 228, 66)
-STAGE3: Color = (0, 114, 178)
-QUIET: Color = (140, 148, 156)
-"""Colours by meaning, as in the reports: Okabe and Ito's, which colour-blind people can tell apart."""
 
 PALETTE = np.array([MEASURED, PILOT, MOTOR, STAGE1, STAGE2, MODEL, STAGE3, QUIET], np.uint8)
 """Colours of the raw topics' signals, in column order."""
@@ -65,9 +65,8 @@ class Plot:
 
 
 def _stages(what: str) -> tuple[Curve, ...]:
-    colors = (STAGE1, STAGE2, STAGE3)
-    numbers = range(1, MOST_STAGES + 1)
-    return tuple(("/gearbox", f"stage{n}_{what}", f"stage {n} [N·m]", colors[n - 1]) for n in numbers)
+    named = enumerate(STAGES, start=1)
+    return tuple(("/gearbox", f"stage{n}_{what}", f"stage {n} [N·m]", color) for n, color in named)
 
 
 TORQUE = Plot("/plots/torque", "Torque at the column [N·m]", (

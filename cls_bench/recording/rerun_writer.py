@@ -12,8 +12,8 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from cls_bench.geometry import ARROWS, GRIP_HEIGHT, force_arrows
+from cls_bench.recording import palette, rerun_scene
 from cls_bench.recording import rerun_layout as layout
-from cls_bench.recording import rerun_scene
 from cls_bench.recording.layout import rows_of
 from cls_bench.recording.mcap_reader import Recording
 from cls_bench.recording.rerun_file import RerunFile
@@ -179,7 +179,7 @@ class _Run:
         self._pose_ticks: list[Ticks] = []
         self._poses: list[Array] = []
         self._pending_ticks = 0
-        self._said: dict[str, layout.Color] = {}  # event -> colour
+        self._said: dict[str, palette.Color] = {}  # event -> colour
         self._send_static(info)
 
     def write(self, block: Block) -> None:
@@ -317,7 +317,7 @@ class _Axis:
                 self._run.log(self.at(plot.entity), layout.lines([c[2] for c in curves], [c[3] for c in curves]))
         if self._has_arrows:
             arrows = rr.Arrows3D.from_fields(
-                colors=[layout.PILOT, layout.MEASURED][: len(self._bodies)], radii=[0.006],
+                colors=[palette.PILOT, palette.MEASURED][: len(self._bodies)], radii=[0.006],
                 labels=list(ARROWS)[: len(self._bodies)], show_labels=False,
             )  # fmt: skip
             self._run.log(self.at(layout.FORCES), arrows)
@@ -386,14 +386,14 @@ class _Axis:
         at = self.at(layout.TORQUE_OVER_ANGLE)
         cuts = np.flatnonzero(np.diff(loop[:, 3])) + 1
         strips = np.split(points, cuts)
-        colors = [layout.MEASURED if part[0] else layout.MODEL for part in np.split(loop[:, 3], cuts)]
+        colors = [palette.MEASURED if part[0] else palette.MODEL for part in np.split(loop[:, 3], cuts)]
         axes = [[(-1.5, 0.0), (1.5, 0.0)], [(0.0, -1.0), (0.0, 1.0)]]
         log = self._run.log
         log(f"{at}/axes", rr.LineStrips2D(axes, colors=[(90, 98, 106)], radii=rr.Radius.ui_points(0.75)))
         log(f"{at}/curve", rr.LineStrips2D(strips, colors=colors, radii=rr.Radius.ui_points(1.0)))
         marks = [(-1.5, 0.0), (1.5, 0.0), (0.0, -1.0), (0.0, 1.0)]
         labels = [f"−{right:g}°", f"{right:g}°", f"{top:g} N·m", f"−{top:g} N·m"]
-        look = {"colors": [layout.QUIET], "radii": rr.Radius.ui_points(1.5)}
+        look = {"colors": [palette.QUIET], "radii": rr.Radius.ui_points(1.5)}
         log(f"{at}/marks", rr.Points2D(marks, labels=labels, show_labels=True, **look))
         log(f"{at}/now", rr.Points2D.from_fields(colors=[(255, 255, 255)], radii=rr.Radius.ui_points(5.0)))
         every = self._loop_ticks * max(1, round(self._run.clock.pose_ticks / self._loop_ticks))

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cls_bench.analysis.window import split_signal, unit_of
+from cls_bench.analysis.window import Array, Window, on_axis, split_signal, unit_of
 from cls_bench.errors import InputError, one_line
 from cls_bench.parameters import DEG, leaves
 from cls_bench.report.figures import Picture
@@ -16,7 +16,12 @@ from cls_bench.report.style import COLOR, legend, new_figure, room_above, thin
 from cls_bench.text import printable
 
 SIGNALS = ("/column.angle", "/load_cell.torque", "/drive.torque")
-"""Signals that are compared unless others are named."""
+"""Signals of an axis that are compared unless others are named."""
+
+
+def signals_of(run: RecordedRun) -> list[str]:
+    """:data:`SIGNALS` of all axes of a run."""
+    return [on_axis(signal, axis) for axis in run.axes for signal in SIGNALS]
 
 
 @dataclass(frozen=True)
@@ -85,9 +90,8 @@ def overlays(
         if missing:
             left_out.append(f"{signal}: {'; '.join(dict.fromkeys(missing))}")
             continue
-        rows = min(len(window.time) for window in windows)
-        time = windows[0].time[:rows]
-        a, b = (window[signal][:rows] / scale for window in windows)
+        time, a, b = _together(*windows, signal)
+        a, b, rows = a / scale, b / scale, len(time)
         figure, (ax, below) = new_figure(2, height=4.8, shares=(3, 1.4))
         ax.plot(*thin(time, a), color=COLOR["measured"], lw=2.4, label="A")
         ax.plot(*thin(time, b), color=COLOR["model"], lw=1.0, label="B")
@@ -101,9 +105,23 @@ def overlays(
         both = ~np.isnan(b - a)
         r_m_s = float(np.sqrt(np.mean((b - a)[both] ** 2))) if both.any() else math.nan
         caption = f"A and B over each other; below, their difference, {r_m_s:.3g} {unit} r.m.s."
+        if windows[0].rate != windows[1].rate:
+            fast = max(window.rate for window in windows)
+            caption += f" The one with {fast:g} samples a second is interpolated at the other's times."
         if not both.all():
             caption += f" {np.count_nonzero(~both)} of {rows} samples are missing and left out."
-        yield Picture(f"{topic.strip('/')}_{name}", signal, caption, figure)
+        yield Picture(f"{topic.strip('/').replace('/', '_')}_{name}", signal, caption, figure)
+
+
+def _together(first: Window, second: Window, signal: str) -> tuple[Array, Array, Array]:
+    """Times, and a signal of both windows at them: those of the one that has fewer samples a second."""
+    if first.clock.time(first.clock.plc_ticks) == second.clock.time(second.clock.plc_ticks):
+        rows = min(first.rows, second.rows)
+        return first.time[:rows], first[signal][:rows], second[signal][:rows]
+    slow, fast = (first, second) if first.rate < second.rate else (second, first)
+    time = slow.time[slow.time <= fast.time[-1]] if fast.rows else slow.time[:0]
+    own, other = slow[signal][: len(time)], np.interp(time, fast.time, fast[signal])
+    return (time, own, other) if slow is first else (time, other, own)
 
 
 def _missing(run: RecordedRun, signal: str, span: Span) -> str:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -44,13 +44,23 @@ CANNOT_DRAW = (InputError, ValueError, ArithmeticError, IndexError, np.linalg.Li
 def pictures(run: RecordedRun, left_out: list[str] | None = None) -> Iterator[Picture]:
     """The figures of ``run``: those that belong to its checks, then the overview of the whole run.
 
-    What cannot be drawn, since samples are missing or are none of a bench, is named in ``left_out`` with the reason.
+    Of several axes one after the other. What cannot be drawn, since samples are missing or are none of a bench, is
+    named in ``left_out`` with the reason.
     """
+    left_out = [] if left_out is None else left_out
+    for axis in run.axes:
+        here, missed = run.on(axis), list[str]()
+        for picture in _of_axis(here, missed):
+            yield replace(picture, name=f"{axis}_{picture.name}", title=f"{axis}: {picture.title}") if axis else picture
+        left_out += [f"{axis}: {line}" if axis else line for line in missed]
+
+
+def _of_axis(run: RecordedRun, left_out: list[str]) -> Iterator[Picture]:
     for names, signal, draw in _FIGURES:
         spans = run.spans(*names, signal=signal)
         if spans:
-            yield from _drawn(draw, run, spans, [] if left_out is None else left_out)
-    yield from _drawn(lambda run, spans: [overview(run)], run, [], [] if left_out is None else left_out)
+            yield from _drawn(draw, run, spans, left_out)
+    yield from _drawn(lambda run, spans: [overview(run)], run, [], left_out)
 
 
 def _drawn(
@@ -207,7 +217,7 @@ def tracking(run: RecordedRun, spans: Sequence[Span]) -> Iterator[Picture]:
         frequency = next(
             c.arguments["frequency"]
             for c in run.scenario.checks
-            if Span(*c.window) == span and "frequency" in c.arguments
+            if Span(*c.window) == span and "frequency" in c.arguments and metrics.axis_of(c) == run.axis
         )
         rows = slice(0, min(len(w.time), int(PERIODS / frequency * w.rate)))
         try:
@@ -368,14 +378,28 @@ def _order_amplitudes(motor_angle: Array, error: Array, orders: Array) -> Array:
 
 
 def _mark_orders(ax: Axes, box: Gearbox) -> None:
-    """Lines at the mesh orders: the sun's rotation relative to its carrier passes its teeth."""
-    first = box.stage1.sun_teeth * (1.0 - 1.0 / box.ratio)
-    second = box.stage2.sun_teeth * (1.0 - 1.0 / box.ratio) / box.ratio
-    for order, label in ((second, "stage 2"), (2 * second, "2×"), (first, "stage 1"), (2 * first, "2×")):
+    """Lines at the mesh orders of the stages there are, and at twice each."""
+    marks = [(order, f"stage {number}") for number, order in mesh_orders(box)]
+    marks += [(2.0 * order, "2×") for order, _ in marks]
+    for order, label in sorted(marks):
         ax.axvline(order, color=COLOR["muted"], lw=0.9, ls=(0, (2, 2)))
         ax.annotate(
             f" {label}", (order, 0.98), xycoords=("data", "axes fraction"), va="top", fontsize=9, color=COLOR["ink"]
         )
+
+
+def mesh_orders(box: Gearbox) -> list[tuple[int, float]]:
+    """Stage, and mesh order [cycles per motor revolution], of all stages with teeth.
+
+    Each is the rate at which the input wheel's teeth pass: of a planetary stage the sun's, relative to its carrier.
+    """
+    found, turns = [], 1.0
+    for number, stage in enumerate(box.in_use, start=1):
+        passing = 1.0 - 1.0 / stage.ratio if stage.kind == "planetary" else 1.0
+        if stage.teeth:
+            found.append((number, stage.teeth * passing * turns))
+        turns /= stage.ratio
+    return found
 
 
 # --- overview --------------------------------------------------------------------------------------------------------

@@ -24,7 +24,6 @@ from cls_bench.report import style
 from cls_bench.report.figures import CANNOT_DRAW, Picture, pictures
 from cls_bench.report.recorded_run import RecordedRun
 from cls_bench.resources import shipped_scenarios
-from cls_bench.signals import TOPIC
 from cls_bench.text import printable
 
 Rows = Sequence[Sequence[str]]
@@ -219,9 +218,12 @@ def _energy(run: RecordedRun) -> Section:
     """Where the energy went."""
     title = "Energy"
     topics, losses = run.recording.topics, run.recording.losses
-    for path in energy.TOPICS:
-        if path not in topics or (topics[path].ticks, topics[path].names) != (TOPIC[path].ticks, TOPIC[path].names):
-            return Section(title, f"Not audited: {path} was not recorded as it was simulated.")
+    if len(run.axes) > 1:
+        return Section(title, f"Not audited: of several axes, {' and '.join(run.axes)}.")
+    for topic in run.simulated:
+        here = topics.get(topic.path)
+        if topic.path in energy.TOPICS and (here is None or (here.ticks, here.names) != (topic.ticks, topic.names)):
+            return Section(title, f"Not audited: {topic.path} was not recorded as it was simulated.")
     if losses:
         return Section(title, f"Not audited: samples from {losses[0].start:g} to {losses[0].end:g} s are lost.")
     try:

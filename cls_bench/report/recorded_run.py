@@ -1,5 +1,6 @@
 """A run as its recording tells it: scenario, parameters, verdict and signals, without any other file."""
 
+import copy
 import json
 import math
 import re
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 
 from cls_bench import experiment
 from cls_bench.analysis import metrics
-from cls_bench.analysis.window import Window, holds_all
+from cls_bench.analysis.window import Window, holds_all, on_axis
 from cls_bench.errors import InputError, one_line
 from cls_bench.parameters import Parameters, leaves
 from cls_bench.recording import Recording
@@ -23,7 +24,7 @@ from cls_bench.recording.mcap_reader import INCOMPLETE
 from cls_bench.recording.recorder import INTERRUPTED
 from cls_bench.run_log import trip_of
 from cls_bench.scenario import Scenario, parse_scenario
-from cls_bench.signals import PLC_TICKS, POSE_TICKS, TICK_S, Event
+from cls_bench.signals import Clock, Event, Topic, axes_of, topics
 from cls_bench.text import printable
 
 SCENARIO_FILE = "scenario.toml"
@@ -63,6 +64,9 @@ SAME = 1e-6
 class RecordedRun:
     """A recording with the scenario that it carries. Raises InputError if it is no recording of a run with samples."""
 
+    axis = ""
+    """the axis that windows, spans and power are of; empty if there is but one"""
+
     def __init__(self, path: Path):
         self.path = path
         self.recording = Recording(path)
@@ -72,6 +76,33 @@ class RecordedRun:
             raise InputError(f"{path}: carries no scenario")
         self.scenario, self._unknown = _scenario(self.recording)
         self._windows: dict[Span, Window] = {}
+
+    @property
+    def clock(self) -> Clock:
+        """Rates of the run."""
+        return self.recording.clock
+
+    @cached_property
+    def simulated(self) -> tuple[Topic, ...]:
+        """All topics of the run, recorded or not, with the rows that were simulated."""
+        known = self.recording.known_topics
+        if axes_of(known) not in ((), ("",)):
+            return known
+        return topics(self.clock, self.scenario.parameters_at_start().gearbox.stages)
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Names of the axes; one empty name if there is but one."""
+        return axes_of(self.simulated)
+
+    def on(self, axis: str) -> "RecordedRun":
+        """The same run, seen from one of its axes."""
+        if axis == self.axis:
+            return self
+        other = copy.copy(self)
+        other.axis, other._windows = axis, {}
+        other.__dict__.pop("powered", None)
+        return other
 
     @property
     def name(self) -> str:
@@ -124,7 +155,7 @@ class RecordedRun:
     @property
     def _is_whole(self) -> bool:
         """Whether all that checks can need was recorded."""
-        return holds_all(tuple(self.recording.topics.values()))
+        return holds_all(self.recording.topics.values(), self.simulated, self.clock)
 
     @cached_property
     def _recorded_values(self) -> dict[str, float | None]:
@@ -163,13 +194,16 @@ class RecordedRun:
     def _contradictions(self) -> Iterator[str]:
         yield from self._unknown
         result, status = self.recording.result, self.recording.status
+        said = self.scenario.parameters_at_start().rates.clock
+        if self.clock != said:
+            yield f"the clock of its samples is {_rates(self.clock)}, that of its scenario {_rates(said)}"
         if not result and not self.recording.truncated:
             yield "the file was closed, but says nothing of how the run ended"
-        if self.duration > self.scenario.duration + TICK_S:
+        if self.duration > self.scenario.duration + self.clock.tick_s:
             yield f"its samples go on to {self.duration:g} s, its scenario to {self.scenario.duration:g} s"
         with suppress(ValueError):
-            ran = int(result.get("ticks", "0")) * TICK_S
-            if ran > self.duration + PLC_TICKS * TICK_S:
+            ran = self.clock.time(int(result.get("ticks", "0")))
+            if ran > self.duration + self.clock.plc_s:
                 yield f"the run went on to {ran:g} s, its samples end at {self.duration:g} s"
         recorded = result.get("verdict", status)
         if recorded != self.verdict and (recorded != status or status in experiment.EXIT_CODES):
@@ -196,7 +230,8 @@ class RecordedRun:
     def window(self, span: Span) -> Window:
         """Signals in ``span`` at the PLC's rate, read once."""
         if span not in self._windows:
-            self._windows[span] = Window(self.recording, *span, self.scenario.parameters_at(span.start))
+            parameters = self.scenario.parameters_at(span.start)
+            self._windows[span] = Window(self.recording, *span, parameters, axis=self.axis)
         return self._windows[span]
 
     @property
@@ -204,19 +239,21 @@ class RecordedRun:
         """The whole run."""
         return self.window(Span(0.0, min(self.duration, self.scenario.duration)))
 
-    def spans(self, *metrics: str, signal: str | None = None) -> list[Span]:
-        """Windows of the checks that measure one of ``metrics``, in order of time, if they were recorded without a gap.
+    def spans(self, *names: str, signal: str | None = None) -> list[Span]:
+        """Windows of the checks of the axis that measure one of ``names``, in order of time, if they were recorded
+        without a gap.
 
         With ``signal``, only of those that measure it.
         """
         found = {
             Span(*check.window) for check in self.scenario.checks
-            if check.metric in metrics and signal in (None, check.signal)
+            if check.metric in names and metrics.axis_of(check) == self.axis
+            and (signal is None or on_axis(check.signal or "", self.axis) == on_axis(signal, self.axis))
         }  # fmt: skip
         losses = self.recording.losses
         return sorted(
             span for span in found
-            if span.end <= self.duration + TICK_S
+            if span.end <= self.duration + self.clock.tick_s
             and not any(loss.start < span.end and span.start < loss.end for loss in losses)
         )  # fmt: skip
 
@@ -224,18 +261,21 @@ class RecordedRun:
     def powered(self) -> NDArray[np.bool_]:
         """Whether the drive's power stage was on, at the PLC's rate: without power its voltage is exactly 0."""
         voltage = self.whole["/drive.voltage"]
-        return held_on((voltage != 0.0) & ~np.isnan(voltage))
+        return held_on((voltage != 0.0) & ~np.isnan(voltage), max(round(HELD_S / self.clock.plc_s), 1))
 
     def power_in(self, span: Span) -> str:
         """``"on"``, ``"off"`` or ``"changing"``: the drive's power in ``span``."""
-        first, last = (round(time / (PLC_TICKS * TICK_S)) for time in span)
+        first, last = (round(time / self.clock.plc_s) for time in span)
         on = self.powered[first:last]
         return "on" if on.all() else "changing" if on.any() else "off"
 
 
-def held_on(nonzero: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """``nonzero`` with gaps of less than 10 ms filled: a signal may pass through 0 while its source is on."""
-    rows = POSE_TICKS // PLC_TICKS
+HELD_S = 0.01
+"""Shortest time for which power is switched off [s]; a voltage may pass through 0 for less while it is on."""
+
+
+def held_on(nonzero: NDArray[np.bool_], rows: int) -> NDArray[np.bool_]:
+    """``nonzero`` with gaps of less than ``rows`` filled: a signal may pass through 0 while its source is on."""
     seen = np.flatnonzero(nonzero)
     on = nonzero.copy()
     gaps = np.diff(seen)
@@ -247,6 +287,10 @@ def held_on(nonzero: NDArray[np.bool_]) -> NDArray[np.bool_]:
 def open_runs(paths: Sequence[Path]) -> list[RecordedRun]:
     """The runs of several recordings."""
     return [RecordedRun(path) for path in paths]
+
+
+def _rates(clock: Clock) -> str:
+    return f"a tick of {1e6 * clock.tick_s:g} µs and {clock.plc_ticks} in a PLC cycle"
 
 
 def _same(a: float, b: float) -> bool:

@@ -8,13 +8,15 @@ from typing import Annotated
 
 from pydantic import Field, field_validator
 
-from cls_bench.scenario.faults import nearest, shown
-from cls_bench.scenario.segments import Strict
-from cls_bench.signals import TICK_S, TOPICS, Topic
+from cls_bench.input.faults import nearest, shown
+from cls_bench.input.tables import Strict
+from cls_bench.signals import MOST_STAGES, Clock, Topic, topics
 
-SIGNALS = tuple(f"{topic.path}.{name}" for topic in TOPICS for name in topic.names)
+SIGNALS = tuple(f"{topic.path}.{name}" for topic in topics(stages=MOST_STAGES) for name in topic.names)
+"""Every signal that a bench can record; which of them it does depends on its rig."""
 
-_FASTEST = round(1.0 / TICK_S)
+FASTEST = 1e5
+"""Greatest rate [Hz]: that of the shortest tick."""
 
 
 class Record(Strict):
@@ -22,8 +24,9 @@ class Record(Strict):
 
     signals: list[Annotated[str, Field(max_length=80)]] = Field(default=["*"], min_length=1, max_length=100)
     """signals such as "/column.angle" and patterns such as "/load_cell.*" """
-    rate_hz: Annotated[float, Field(ge=1, le=_FASTEST)] = float(_FASTEST)
-    """greatest sampling rate [Hz], 20 000 over a whole number; slower signals keep their own"""
+    rate_hz: Annotated[float, Field(ge=1, le=FASTEST)] | None = None
+    """greatest sampling rate [Hz], that of the tick over a whole number; slower signals keep their own. That of the
+    tick, 20 000 unless the rates say otherwise, if left out"""
     poses: bool = True
     """also the bodies' shapes and motion, which the views of the bench need"""
 
@@ -35,25 +38,28 @@ class Record(Strict):
                 raise ValueError(f"{shown(pattern)} is no signal; {nearest(pattern, SIGNALS)}")
         return signals
 
-    @field_validator("rate_hz")
-    @classmethod
-    def _whole(cls, rate: float) -> float:
-        ticks = _FASTEST / rate
+    def check(self, clock: Clock) -> None:
+        """Raise ValueError unless ``rate_hz`` is one at which a bench of that clock can be sampled."""
+        fastest, rate = 1e9 / clock.tick_ns, self.rate_hz
+        if rate is None:
+            return
+        if rate > fastest:
+            raise ValueError(f"{rate:g} is not valid; give a number ≤ {fastest:g} [Hz], the rate of the tick")
+        ticks = fastest / rate
         if abs(ticks - round(ticks)) > 1e-6 * ticks:
-            below, above = _FASTEST / math.ceil(ticks), _FASTEST / math.floor(ticks)
+            below, above = fastest / math.ceil(ticks), fastest / math.floor(ticks)
             raise ValueError(
-                f"{rate:g} Hz is not {_FASTEST} Hz over a whole number; the nearest are {below:g} and {above:g} Hz"
+                f"{rate:g} Hz is not {fastest:.6g} Hz over a whole number; the nearest are {below:g} and {above:g} Hz"
             )
-        return rate
 
-    def topics(self) -> tuple[Topic, ...]:
+    def topics(self, all_of_them: Sequence[Topic]) -> tuple[Topic, ...]:
         """The topics as they are recorded, with the signals and ticks that are left of them.
 
         A topic whose own ticks do not divide those of the rate is sampled a little faster than asked.
         """
-        ticks = round(_FASTEST / self.rate_hz)
         found = []
-        for topic in TOPICS:
+        for topic in all_of_them:
+            ticks = 1 if self.rate_hz is None else round(1e9 / topic.tick_ns / self.rate_hz)
             kept = tuple(s for s in topic.signals if self._wanted(f"{topic.path}.{s.name}", self.signals))
             if kept:
                 every = topic.ticks * max(ticks // topic.ticks, 1)

@@ -17,8 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cls_bench.scenario.faults import listed, shown
-from cls_bench.signals import TICK_S
+from cls_bench.input.faults import listed, shown
 from cls_bench.text import escaped
 
 Array = NDArray[np.float64]
@@ -34,8 +33,11 @@ TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "min": 
 FASTEST = 60.0
 """Greatest rate of an angle [rad/s]: 18 m/s at the grip, faster than any hand."""
 
-_LIMITS = {"deg": 60.0, "N": 2000.0}
-"""Greatest magnitude of a value, as in every other segment."""
+LARGEST = {"deg": 170.0, "N": 2000.0}
+"""Greatest magnitude of an angle [deg] and of a force [N], in every segment. No control turns further."""
+
+CLOSEST = 50e-6
+"""Samples closer than this are averaged [s]: the bench's usual tick, shorter than anything a hand does."""
 
 _SPELT = {
     "s": "s", "sec": "s", "secs": "s", "second": "s", "seconds": "s", "sek": "s", "sekunden": "s",
@@ -64,8 +66,11 @@ _TIME_NAMES = ("time", "t", "timestamp", "time stamp", "timestamps", "times", "z
 _SEARCHED = 200
 """Lines among which the header is looked for."""
 
+LONGEST_HEADER = 200
+"""Characters of a cell that can be a name with a unit; what is longer is neither, and not searched for one."""
+
 _COMMENT = re.compile(r"\s*(#|%|//)")
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+_NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+", re.ASCII)
 _ZONE = r"(?P<zone>Z|[+-]\d\d(?::?\d\d)?)?"
 _CLOCK = re.compile(r"(\d{1,4}):([0-5]\d)(?::([0-5]\d))?(\.\d+)?" + _ZONE, re.ASCII)
@@ -82,8 +87,8 @@ _SERIAL_DAYS = (20_000.0, 80_000.0)
 
 _DAY = TIME_UNITS["d"]
 
-_NEAR = 0.99 * TICK_S
-"""Stamps nearer to each other than this are one [s]: a tick, less what stamps since 1970 are rounded by."""
+_NEAR = 0.99 * CLOSEST
+"""Stamps nearer to each other than this are one [s]: 50 µs, less what stamps since 1970 are rounded by."""
 
 
 class Keys(NamedTuple):
@@ -239,6 +244,8 @@ def _rows(text: str, delimiter: str, skip: int) -> Iterator[tuple[int, list[str]
 
 def _named(cell: str) -> tuple[str, str]:
     """Name and unit of a header such as ``Force [N]``, ``t (ms)``, ``Zeit / s`` or ``time_ms``; unit empty if none."""
+    if len(cell) > LONGEST_HEADER:
+        return cell, ""
     cell = " ".join(cell.split())
     if match := re.fullmatch(r"(.+?)\s*(?:\[\s*(.*?)\s*\]|\(\s*(.*?)\s*\)|/\s*(\S+)|in\s+(\S+))", cell):
         return match[1], next(unit for unit in match.groups()[1:] if unit is not None)
@@ -554,7 +561,7 @@ def _scale(unit: str, keys: Keys) -> float:
 
 
 def _check_values(lines: Sequence[int], values: Array, unit: str) -> None:
-    limit = _LIMITS[unit]
+    limit = LARGEST[unit]
     if len(bad := np.flatnonzero(~(np.abs(values) <= limit))):
         k = int(bad[0])
         raise ValueError(f"line {lines[k]}: {values[k]:g} {unit} is not valid; values lie from -{limit:g} to {limit:g} "
@@ -597,12 +604,12 @@ def _check_clock(stamps: Array, times: Array) -> None:
     if 2 * np.count_nonzero((gaps > 0.0) & (gaps < _NEAR)) > len(times):
         low, high = _SERIAL_DAYS
         days = ' = "d" if it counts the days of a spreadsheet' if low <= stamps[0] <= high else ""
-        raise ValueError(f"has most of its {len(times)} samples less than a tick ({1e6 * TICK_S:.0f} µs) apart, were "
+        raise ValueError(f"has most of its {len(times)} samples less than {1e6 * CLOSEST:.0f} µs apart, were "
                          f"its time in seconds; give time_unit{days}")  # fmt: skip
 
 
 def _merged(times: Array, values: Array) -> tuple[Array, Array, str]:
-    """Samples with the same stamp, or less than a tick after it, as their mean; and what was averaged."""
+    """Samples with the same stamp, or less than 50 µs after it, as their mean; and what was averaged."""
     gaps = np.diff(times)
     if not np.any(gaps < _NEAR):
         return times, values, ""
@@ -615,7 +622,7 @@ def _merged(times: Array, values: Array) -> tuple[Array, Array, str]:
     first = np.array(starts)
     counts = np.diff(first, append=len(times))
     close = bool(np.any((gaps > 0.0) & (gaps < _NEAR)))
-    kind = f"time stamps less than a tick ({1e6 * TICK_S:.0f} µs) apart" if close else "a repeated time stamp"
+    kind = f"time stamps less than {1e6 * CLOSEST:.0f} µs apart" if close else "a repeated time stamp"
     averaged = f"{int(np.sum(counts[counts > 1]))} with {kind} averaged"
     return times[first], np.add.reduceat(values, first) / counts, averaged
 
@@ -633,7 +640,7 @@ class _Clock(NamedTuple):
 def _check_heard(times: Array, values: Array, span: float, keys: Keys, clock: _Clock) -> None:
     """Refuse a file of which the segment hears little or nothing, for then its clock or column was misunderstood."""
     inside = (times >= 0.0) & (times <= span)
-    heard = len(np.unique(np.round(times[inside] / TICK_S)))
+    heard = len(np.unique(np.round(times[inside] / CLOSEST)))
     share = heard / len(times)
     lasts = f"its {len(times)} samples last from {times[0]:.6g} to {times[-1]:.6g} s, the segment {span:g} s"
     if clock.dated:

@@ -3,19 +3,28 @@
 
 import math
 from collections.abc import Mapping
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PrivateAttr, model_validator
+from pydantic import (
+    AfterValidator,
+    ConfigDict,
+    Field,
+    PrivateAttr,
+    SerializerFunctionWrapHandler,
+    model_serializer,
+    model_validator,
+)
 
-from cls_bench.scenario.faults import shown
-from cls_bench.scenario.sample_file import Keys, read_samples
+from cls_bench.input.faults import shown
+from cls_bench.input.tables import Strict
+from cls_bench.scenario.sample_file import LARGEST, Keys, read_samples
 
 Time = Annotated[float, Field(ge=0, le=3600)]
 Span = Annotated[float, Field(gt=0, le=3600)]
-Degrees = Annotated[float, Field(ge=-60, le=60)]
-Newtons = Annotated[float, Field(ge=-2000, le=2000)]
+Degrees = Annotated[float, Field(ge=-LARGEST["deg"], le=LARGEST["deg"])]
+Newtons = Annotated[float, Field(ge=-LARGEST["N"], le=LARGEST["N"])]
 Frequency = Annotated[float, Field(gt=0, le=1000)]
 Name = Annotated[str, Field(min_length=1, max_length=200)]
 
@@ -27,14 +36,6 @@ def _one_line(text: str) -> str:
 
 
 Line = Annotated[Name, AfterValidator(_one_line)]
-
-
-class Strict(BaseModel):
-    """Base of all tables: no unknown keys, no conversion of types, finite numbers."""
-
-    model_config = ConfigDict(
-        extra="forbid", strict=True, frozen=True, allow_inf_nan=False, use_attribute_docstrings=True
-    )
 
 
 class Aim(NamedTuple):
@@ -54,12 +55,19 @@ def _aim(keys: str, degrees: float | None, newtons: float | None) -> Aim:
     raise ValueError(f"give either {keys}")
 
 
+def _with_kind(schema: dict[str, Any]) -> None:
+    """A file has to say what kind of segment it means; in Python the class says it."""
+    schema["required"] = ["kind", *schema.get("required", ())]
+
+
 class _Segment(Strict):
     """What the hand does from ``at`` until the next segment starts.
 
     "The value reached" is the last one asked for, in the segment's own unit. A change from an angle to a force
     starts from 0 N, a change from a force to an angle from the last angle asked for, or 0.
     """
+
+    model_config = ConfigDict(json_schema_extra=_with_kind)
 
     at: Time
     """start [s]"""
@@ -68,6 +76,15 @@ class _Segment(Strict):
     def aim(self) -> Aim | None:
         """What it steers, with its leading value [rad or N]."""
         raise NotImplementedError
+
+    @property
+    def farthest(self) -> float:
+        """Greatest magnitude that it asks for itself [rad or N]."""
+        return 0.0 if self.aim is None else abs(self.aim.value)
+
+    @model_serializer(mode="wrap")
+    def _kept(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return {"kind": getattr(self, "kind"), **handler(self)}  # noqa: B009  (the classes below have it)
 
     @model_validator(mode="after")
     def _units(self) -> "_Segment":
@@ -78,7 +95,7 @@ class _Segment(Strict):
 class Hold(_Segment):
     """Hold an angle or a force; without a value, the one reached."""
 
-    kind: Literal["hold"]
+    kind: Literal["hold"] = "hold"
     angle_deg: Degrees | None = None
     """column angle that the hand holds [deg]; or give force_N"""
     force_N: Newtons | None = None
@@ -95,7 +112,7 @@ class Hold(_Segment):
 class Ramp(_Segment):
     """Go from the value reached to a new one within a time, then hold it."""
 
-    kind: Literal["ramp"]
+    kind: Literal["ramp"] = "ramp"
     to_deg: Degrees | None = None
     """column angle at the end [deg]; or give to_N"""
     to_N: Newtons | None = None
@@ -114,7 +131,7 @@ class Ramp(_Segment):
 class Step(_Segment):
     """Jump to a new value and hold it."""
 
-    kind: Literal["step"]
+    kind: Literal["step"] = "step"
     to_deg: Degrees | None = None
     """column angle [deg]; or give to_N"""
     to_N: Newtons | None = None
@@ -153,6 +170,11 @@ class _Oscillation(_Segment):
             raise ValueError(f"give offset_{unit}, in the unit of amplitude_{unit}")
         return math.radians(self.offset_deg or 0.0) if self.aim.motion else self.offset_N or 0.0
 
+    @property
+    def farthest(self) -> float:
+        """Greatest magnitude [rad or N]."""
+        return abs(self.offset) + abs(self.aim.value)
+
     @model_validator(mode="after")
     def _offset(self) -> "_Oscillation":
         _ = self.offset
@@ -162,7 +184,7 @@ class _Oscillation(_Segment):
 class Sine(_Oscillation):
     """Oscillate: offset + amplitude · sin(2π frequency t + phase)."""
 
-    kind: Literal["sine"]
+    kind: Literal["sine"] = "sine"
     frequency: Frequency
     """frequency [Hz]"""
     phase_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0
@@ -174,7 +196,7 @@ class Sine(_Oscillation):
 class Chirp(_Oscillation):
     """Oscillate while the frequency sweeps from one value to another, then hold the value reached."""
 
-    kind: Literal["chirp"]
+    kind: Literal["chirp"] = "chirp"
     from_hz: Frequency
     """frequency at the start [Hz]"""
     to_hz: Frequency
@@ -188,7 +210,7 @@ class Chirp(_Oscillation):
 class Samples(_Segment):
     """Follow recorded samples, linearly interpolated; before the first and after the last its value is held."""
 
-    kind: Literal["samples"]
+    kind: Literal["samples"] = "samples"
     file: Name
     """text file with a header and columns, as loggers and spreadsheets write it; relative to the scenario file"""
     unit: Literal["deg", "N"]
@@ -221,6 +243,11 @@ class Samples(_Segment):
         return Aim(self.unit == "deg", float(self._values[-1]))
 
     @property
+    def farthest(self) -> float:
+        """Greatest magnitude of a sample [rad or N]."""
+        return float(np.max(np.abs(self._values)))
+
+    @property
     def times(self) -> NDArray[np.float64]:
         """Times of the samples since the segment's start [s]."""
         return self._times
@@ -244,7 +271,7 @@ class Samples(_Segment):
 class Release(_Segment):
     """Let go of the grip; the forearm stays at the last angle asked for. Any later segment grips again."""
 
-    kind: Literal["release"]
+    kind: Literal["release"] = "release"
 
     @property
     def aim(self) -> None:

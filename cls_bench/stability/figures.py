@@ -12,7 +12,7 @@ from cls_bench.analysis.frequency import FrequencyResponse
 from cls_bench.linear.hand import forward_inertia
 from cls_bench.linear.variation import Variation
 from cls_bench.report.style import COLOR, legend, new_figure
-from cls_bench.stability.map import THESIS, StabilityMap
+from cls_bench.stability.map import THESIS, StabilityMap, is_thesis
 from cls_bench.stability.response import Measured
 from cls_bench.stability.stabilisers import Least
 from cls_bench.sweep.engine import Row
@@ -129,7 +129,7 @@ def stability_map(result: StabilityMap) -> Figure:
             grid.xs, result.rule_ratio * grid.xs, color=COLOR["error"], linestyle="--",
             label=f"Eq. 3.16: I_fwd / I_fcs = {result.rule_ratio:.2f}",
         )  # fmt: skip
-    if grid.inertias:
+    if grid.inertias and is_thesis(result.setup):
         here = forward_inertia(result.setup.parameters, result.setup.hand)
         for k, (inertia, seen) in enumerate(THESIS):
             ax.plot(

@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from cls_bench.linear.cycle import Compensation
 from cls_bench.bench import Command, Inputs, OuterLoop
 from cls_bench.control import feel, plc
+from cls_bench.linear.cycle import Compensation
 from cls_bench.parameters import Parameters, record_of
-from cls_bench.signals import PLC_S
 
 MakeLoop = Callable[[Parameters], OuterLoop]
 """Makes a new outer loop for one run with these parameters."""
@@ -23,6 +22,7 @@ class BuiltIn:
     def __init__(self, parameters: Parameters):
         self._record = record_of(parameters)
         self._velocity = parameters.plc.outer_loop == "velocity"
+        self._cycle = parameters.rates.plc_cycle
         self._feel: Any = np.zeros(1, dtype=feel.STATE).view(np.recarray)[0]
         self._plc: Any = np.zeros(1, dtype=plc.STATE).view(np.recarray)[0]
 
@@ -30,20 +30,21 @@ class BuiltIn:
         """One PLC cycle of the feel model."""
         s = self._plc
         s.torque, s.angle, s.velocity = inputs.torque, inputs.angle, inputs.velocity
-        plc.admittance(self._record, self._velocity, s, self._feel, inputs.time, PLC_S)
+        plc.admittance(self._record, self._velocity, s, self._feel, inputs.time, self._cycle)
         return Command(float(s.set_angle), float(s.set_velocity), float(s.set_acceleration))
 
 
 class InertiaCompensated:
     """Post-sensor inertia compensation around another loop: T̃ = T_meas + I φ̈ (thesis Eq. 3.10, a).
 
-    φ̈ is the difference quotient of the column velocity from the encoder, through a first-order low pass.
+    φ̈ is the difference quotient of the column velocity from the encoder over a ``cycle`` of the PLC [s], through a
+    first-order low pass.
     """
 
-    def __init__(self, inner: OuterLoop, compensation: Compensation):
+    def __init__(self, inner: OuterLoop, compensation: Compensation, cycle: float):
         self._inner = inner
-        self._inertia = compensation.inertia
-        self._weight = 1.0 - math.exp(-PLC_S / compensation.filter_time)
+        self._inertia, self._cycle = compensation.inertia, cycle
+        self._weight = 1.0 - math.exp(-cycle / compensation.filter_time)
         self._velocity: float | None = None
         self._acceleration = 0.0
 
@@ -51,7 +52,7 @@ class InertiaCompensated:
         """One PLC cycle: what the column's and limb's inertia took out of the measured torque is put back in."""
         before = inputs.velocity if self._velocity is None else self._velocity
         self._velocity = inputs.velocity
-        self._acceleration += self._weight * ((inputs.velocity - before) / PLC_S - self._acceleration)
+        self._acceleration += self._weight * ((inputs.velocity - before) / self._cycle - self._acceleration)
         return self._inner.step(inputs._replace(torque=inputs.torque + self._inertia * self._acceleration))
 
 

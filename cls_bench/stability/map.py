@@ -16,7 +16,8 @@ from threadpoolctl import threadpool_limits
 
 from cls_bench.linear.hand import forward_inertia
 from cls_bench.linear.prediction import growth_rate, rule
-from cls_bench.linear.variation import Setup, Variation, variation
+from cls_bench.linear.variation import Setup, Variation, of_bare, variation
+from cls_bench.parameters import Parameters
 from cls_bench.stability import trial
 from cls_bench.stability.trial import Standard
 from cls_bench.sweep.core import Report, evaluate_points
@@ -64,9 +65,17 @@ class Grid:
         return (self.x.name, self.y.name) == INERTIAS
 
 
-def default_grid() -> Grid:
-    """I_fcs from 0.1 to 1 and I_fwd from 0.05 to 1 kg·m²."""
-    return Grid(variation("feel.inertia", 0.1, 1.0), variation("forward_inertia", 0.05, 1.0))
+def default_grid(p: Parameters) -> Grid:
+    """I_fcs from 0.1 to 1 and I_fwd from 0.05 to 1 kg·m² on the thesis's rig, in proportion to the column on others."""
+    return Grid(
+        variation("feel.inertia", of_bare(p, 2.5), of_bare(p, 25.0), of=p),
+        variation("forward_inertia", of_bare(p, 1.3), of_bare(p, 25.0), of=p),
+    )
+
+
+def is_thesis(setup: Setup) -> bool:
+    """Whether this is the rig of the thesis's experiments, which a change of its plant does not make another."""
+    return setup.parameters.nameplate == Parameters().nameplate
 
 
 @dataclass(frozen=True)
@@ -130,11 +139,11 @@ def compute(
 
     Raises InputError and OutputError.
     """
-    grid, standard = grid or default_grid(), standard or Standard()
+    grid, standard = grid or default_grid(setup.parameters), standard or Standard()
     points: list[Point] = [
         {grid.x.name: float(x), grid.y.name: float(y)} for y in grid.ys for x in grid.xs
     ]  # fmt: skip
-    if grid.inertias:
+    if grid.inertias and is_thesis(setup):
         here = forward_inertia(setup.parameters, setup.hand)
         points += [{grid.x.name: x, grid.y.name: here} for x, _ in THESIS]
     identity = repr((setup, standard))

@@ -116,7 +116,7 @@ def compensated(compensation: Compensation) -> MakeLoop:
     """The built-in loop with post-sensor inertia compensation."""
 
     def make(parameters: Parameters) -> InertiaCompensated:
-        return InertiaCompensated(BuiltIn(parameters), compensation)
+        return InertiaCompensated(BuiltIn(parameters), compensation, parameters.rates.plc_cycle)
 
     return make
 

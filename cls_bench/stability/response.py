@@ -20,19 +20,23 @@ says how much of the output the linear relation explains.
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cls_bench.analysis.frequency import FrequencyResponse
-from cls_bench.linear.bench import LinearBench
-from cls_bench.linear.variation import Setup
 from cls_bench.bench import Bench
 from cls_bench.errors import InputError, TrippedError
-from cls_bench.scenario import parse_scenario
-from cls_bench.signals import PLC_S, PLC_TICKS, TICK_S, TOPIC
+from cls_bench.linear.bench import LinearBench
+from cls_bench.linear.hand import Hand
+from cls_bench.linear.prediction import HIGHEST
+from cls_bench.linear.variation import Setup
+from cls_bench.pilot import chirp, constant, faded, sine
+from cls_bench.signals import Clock
+from cls_bench.stability import driving
+from cls_bench.stability.driving import Part, Script
 from cls_bench.stability.loops import BuiltIn, MakeLoop, Probe
 
 Array = NDArray[np.float64]
@@ -70,12 +74,16 @@ class Excitation:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.low < self.high < 0.4 / PLC_S:
-            raise InputError(
-                f"frequencies from {self.low:g} to {self.high:g} Hz: must grow, above 0 and below {0.4 / PLC_S:g} Hz"
-            )
         if not self.amplitude > 0.0:
             raise InputError(f"amplitude = {self.amplitude:g}: must be positive")
+
+    def check(self, clock: Clock) -> None:
+        """Raise InputError unless a PLC of this ``clock`` can excite it."""
+        highest = HIGHEST / clock.plc_s
+        if not 0.0 < self.low < self.high < highest:
+            raise InputError(
+                f"frequencies from {self.low:g} to {self.high:g} Hz: must grow, above 0 and below {highest:g} Hz"
+            )
 
 
 @dataclass(frozen=True)
@@ -107,20 +115,45 @@ def measure(
     kinds = (STEPPED, CHIRP) if hand_excited else (STEPPED, MULTISINE)
     if excitation.kind not in kinds:
         raise InputError(f'excitation "{excitation.kind}" of the {loop}: must be {" or ".join(kinds)}')
+    clock = setup.parameters.rates.clock
+    excitation.check(clock)
     if hand_excited:
         return _admittance(setup, excitation, make_loop)
-    signal = _stepped(excitation) if excitation.kind == STEPPED else _multisine(excitation)
+    signal = (_stepped if excitation.kind == STEPPED else _multisine)(excitation, _Grid.of(clock))
     return _probed(setup, loop, signal, make_loop)
+
+
+@dataclass(frozen=True)
+class _Grid:
+    """The period after which everything sampled falls together again, of which windows have whole numbers."""
+
+    clock: Clock
+    ticks: int
+
+    @classmethod
+    def of(cls, clock: Clock) -> "_Grid":
+        return cls(clock, math.lcm(clock.plc_ticks, clock.position_ticks, clock.velocity_ticks))
+
+    @property
+    def period(self) -> float:
+        """[s]"""
+        return self.ticks * self.clock.tick_s
+
+    def time(self, first: int, end: int) -> Array:
+        """Times of the PLC cycles in periods ``first`` to ``end`` [s]."""
+        cycles = self.ticks // self.clock.plc_ticks
+        return np.arange(first * cycles, end * cycles) * self.clock.plc_s
 
 
 @dataclass(frozen=True)
 class _Signal:
     """An excitation of the column's angle over PLC cycles, and where its spectra are taken."""
 
+    grid: _Grid
     angle: Array
-    """[rad], one value a cycle"""
+    """[rad], one value a PLC cycle"""
     windows: tuple[tuple[int, int], ...]
-    """first cycle and cycle after the last of each window"""
+    """first period of the grid and the one after the last of each window"""
     frequencies: tuple[Array, ...]
     """excited frequencies in each window [Hz], whole numbers of periods in it"""
 
@@ -130,89 +163,96 @@ class _Signal:
         return len(self.windows) > 1 and np.array_equal(self.frequencies[0], self.frequencies[1])
 
 
-def _stepped(e: Excitation) -> _Signal:
+def _stepped(e: Excitation, grid: _Grid) -> _Signal:
     """One frequency after the other, each with time to settle; measured over 0.12 s and 4 periods at least."""
-    angle: list[Array] = [np.zeros(round(SETTLE / PLC_S))]
+    settle = round(SETTLE / grid.period)
+    angle: list[Array] = [np.zeros(len(grid.time(0, settle)))]
     windows, frequencies = [], []
-    at = len(angle[0])
-    settle = round(SETTLE / PLC_S)
+    at = settle
     for wanted in np.geomspace(e.low, e.high, e.points):
-        periods = max(PERIODS, round(0.12 * wanted))
-        cycles = round(periods / wanted / PLC_S)
-        frequency = periods / (cycles * PLC_S)
-        time = np.arange(settle + cycles) * PLC_S
+        whole = max(PERIODS, round(0.12 * wanted))
+        count = round(whole / wanted / grid.period)
+        frequency = whole / (count * grid.period)
+        time = grid.time(0, settle + count)
         fade = np.minimum(time / (0.5 * SETTLE), 1.0)
         angle.append(np.radians(e.amplitude) * fade * np.sin(2.0 * np.pi * frequency * time))
-        windows.append((at + settle, at + settle + cycles))
+        windows.append((at + settle, at + settle + count))
         frequencies.append(np.array([frequency]))
-        at += settle + cycles
-    return _Signal(np.concatenate(angle), tuple(windows), tuple(frequencies))
+        at += settle + count
+    return _Signal(grid, np.concatenate(angle), tuple(windows), tuple(frequencies))
 
 
-def _multisine(e: Excitation) -> _Signal:
+def _multisine(e: Excitation, grid: _Grid) -> _Signal:
     """Sums of sines of random phase with amplitudes ∝ 1/f, about logarithmically spaced on a grid of one period.
 
     Each realisation is scaled to the peak amplitude, led in by a part of its own period, then measured over two of
     them: with a Hann window, lines and what is left of transients then do not spill into each other.
     """
     period = max(0.5, math.ceil(2.0 / e.low) / 2.0)
-    cycles = round(period / PLC_S)
+    count = round(period / grid.period)
     lines = np.unique(np.round(np.geomspace(math.ceil(e.low * period - 1e-9), e.high * period, LINES)).astype(int))
-    frequencies = lines / (cycles * PLC_S)
-    lead = round(SETTLE / PLC_S)
+    frequencies = lines / (count * grid.period)
+    lead = round(SETTLE / grid.period)
     rng = np.random.default_rng(e.seed)
-    time = np.arange(-lead, 2 * cycles) * PLC_S
-    parts: list[Array] = [np.zeros(lead)]
+    time = grid.time(-lead, 2 * count)
+    led_in = len(grid.time(0, lead)) // 2
+    parts: list[Array] = [np.zeros(len(grid.time(0, lead)))]
     windows = []
     at = lead
     for _ in range(e.realisations):
         phases = rng.uniform(0.0, 2.0 * np.pi, len(lines))
         x = np.sin(2.0 * np.pi * np.outer(time, frequencies) + phases) @ (1.0 / frequencies)
         x *= np.radians(e.amplitude) / np.max(np.abs(x))
-        fade = np.linspace(0.0, 1.0, lead // 2)  # from where the last realisation has ended
-        x[: lead // 2] = fade * x[: lead // 2] + (1.0 - fade) * parts[-1][-1]
+        fade = np.linspace(0.0, 1.0, led_in)  # from where the last realisation has ended
+        x[:led_in] = fade * x[:led_in] + (1.0 - fade) * parts[-1][-1]
         parts.append(x)
-        windows.append((at + lead, at + lead + 2 * cycles))
-        at += lead + 2 * cycles
-    return _Signal(np.concatenate(parts), tuple(windows), (frequencies,) * e.realisations)
+        windows.append((at + lead, at + lead + 2 * count))
+        at += lead + 2 * count
+    return _Signal(grid, np.concatenate(parts), tuple(windows), (frequencies,) * e.realisations)
 
 
 def _probed(setup: Setup, loop: str, signal: _Signal, make_loop: MakeLoop | None) -> Measured:
-    p = setup.parameters
+    p, clock = setup.parameters, signal.grid.clock
     velocity_mode = p.plc.outer_loop == "velocity"
-    cycles = len(signal.angle)
+    cycles, plc_s = len(signal.angle), clock.plc_s
 
     def over_time(values: Array) -> Callable[[float], float]:
-        return lambda time: float(values[min(round(time / PLC_S), cycles - 1)])
+        return lambda time: float(values[min(round(time / plc_s), cycles - 1)])
 
+    rate = np.gradient(signal.angle, plc_s)
     if loop == "outer-loop":
         # Torque that makes the feel model move by about the wanted angle: T = I φ̈ + d φ̇ + c φ.
         feel = p.feel
-        rate = np.gradient(signal.angle, PLC_S)
-        torque = feel.inertia * np.gradient(rate, PLC_S) + feel.damping * rate + feel.stiffness * signal.angle
+        torque = feel.inertia * np.gradient(rate, plc_s) + feel.damping * rate + feel.stiffness * signal.angle
         probe = Probe((make_loop or BuiltIn)(p), torque=over_time(torque), opened=True)
         source = "torque"
     elif velocity_mode:
-        probe = Probe(None, velocity=over_time(np.gradient(signal.angle, PLC_S)))
+        probe = Probe(None, velocity=over_time(rate))
         source = "velocity"
     else:
-        probe = Probe(None, angle=over_time(signal.angle), velocity=over_time(np.gradient(signal.angle, PLC_S)))
+        probe = Probe(None, angle=over_time(signal.angle), velocity=over_time(rate))
         source = "angle"
-    recorded, limited = _run(setup, _holding(setup, cycles * PLC_S), probe)
-    drive = {name: recorded[f"/drive.{name}"] for name in TOPIC["/drive"].names}
-    half = TOPIC["/drive"].ticks
+    recorded, limited = _run(setup, _holding(setup.hand, cycles * plc_s), probe)
+
+    def drive(name: str, ticks: int) -> Array:
+        """Rows of the drive at ``ticks`` of its controllers."""
+        return recorded[f"/drive.{name}"][:: ticks // clock.drive_ticks]
+
+    at_plc, at_position, at_velocity = clock.plc_ticks, clock.position_ticks, clock.velocity_ticks
+    position, velocity = drive("position", at_position), drive("velocity", at_velocity)
+    set_velocity = drive("set_velocity", at_velocity)
     signals: dict[str, tuple[Array, int]] = {
-        "set_angle": (np.array([c.angle for c in probe.asked]), PLC_TICKS),
-        "asked_velocity": (np.array([c.velocity for c in probe.asked]), PLC_TICKS),
-        "measured_torque": (np.array(probe.measured), PLC_TICKS),
-        "model_torque": (np.array(probe.applied), PLC_TICKS),
+        "set_angle": (np.array([c.angle for c in probe.asked]), at_plc),
+        "asked_velocity": (np.array([c.velocity for c in probe.asked]), at_plc),
+        "measured_torque": (np.array(probe.measured), at_plc),
+        "model_torque": (np.array(probe.applied), at_plc),
         "column_angle": (recorded["/column.angle"], 1),
         "column_velocity": (recorded["/column.velocity"], 1),
-        "position": (drive["position"][::2], PLC_TICKS),
-        "position_error": ((drive["set_position"] - drive["position"])[::2], PLC_TICKS),
-        "velocity": (drive["velocity"], half),
-        "set_velocity": (drive["set_velocity"], half),
-        "velocity_error": (drive["set_velocity"] - drive["velocity"], half),
+        "position": (position, at_position),
+        "position_error": (drive("set_position", at_position) - position, at_position),
+        "velocity": (velocity, at_velocity),
+        "set_velocity": (set_velocity, at_velocity),
+        "velocity_error": (set_velocity - velocity, at_velocity),
     }
     pairs: dict[str, tuple[tuple[str, str, float] | None, tuple[str, str, float] | None]] = {
         "velocity-loop": (("velocity", "set_velocity", 1.0), ("velocity", "velocity_error", 1.0)),
@@ -239,28 +279,20 @@ def _probed(setup: Setup, loop: str, signal: _Signal, make_loop: MakeLoop | None
 
     names = {"velocity-loop": ("T_v", "L_v"), "position-loop": ("P", "L_p"), "outer-loop": ("", "G")}[loop]
     (c, pc), (o, po) = response(closed, names[0]), response(opened, names[1])
-    return Measured(loop, c, o, pc, po, cycles * PLC_S, limited)
+    return Measured(loop, c, o, pc, po, cycles * plc_s, limited)
 
 
-def _holding(setup: Setup, duration: float) -> str:
-    """A scenario in which the hand holds the column at neutral, or does not touch it."""
-    text = f'title = "frequency response"\nduration = {duration + 1e-9}\n'
-    if setup.hand.squeeze is not None:
-        text += "[[hand]]\nkind = \"hold\"\nat = 0.0\n" + ("angle_deg = 0.0\n" if setup.hand.arm else "force_N = 0.0\n")
-        text += _squeeze(setup)
-    return text
+def _holding(hand: Hand, duration: float) -> Script:
+    """The hand holds the column at neutral, or does not touch it."""
+    return Script(hand, duration, [] if hand.squeeze is None else [Part(0.0, constant(0.0))])
 
 
-def _squeeze(setup: Setup) -> str:
-    return f"[[squeeze]]\nat = 0.0\nvalue = {float(setup.hand.squeeze or 0.0)}\nover = 0.0\n"
-
-
-def _run(setup: Setup, text: str, controller: Any) -> tuple[Mapping[str, Array], tuple[str, ...]]:
+def _run(setup: Setup, script: Script, controller: Any) -> tuple[Mapping[str, Array], tuple[str, ...]]:
     """All signals by name, and what the log says of limits that were reached."""
     bench = Bench(setup.parameters, controller=controller)
     parts: dict[str, list[Array]] = {}
     limited: list[str] = []
-    for block in bench.run(parse_scenario(text)):
+    for block in driving.run(bench, script):
         for trip in bench.trips:
             raise TrippedError(f"{trip.message} at {trip.time:.2f} s, while measuring; choose a smaller amplitude")
         limited += [f"t = {e.time:.2f} s: {e.source}: {e.message}" for e in block.events if e.level == "warning"]
@@ -274,8 +306,10 @@ def _ratio(
     name: str, output: tuple[Array, int], input_: tuple[Array, int], signal: _Signal, sign: float
 ) -> FrequencyResponse:
     """Output over input at the excited frequencies, with coherence and the input's amplitude."""
-    x = [_spectrum(*input_, window, f) for window, f in zip(signal.windows, signal.frequencies, strict=True)]
-    y = [_spectrum(*output, window, f) for window, f in zip(signal.windows, signal.frequencies, strict=True)]
+    x, y = (
+        [_spectrum(*of, signal.grid, *each) for each in zip(signal.windows, signal.frequencies, strict=True)]
+        for of in (input_, output)
+    )
     if signal.repeated:
         xs, ys = np.array([a for a, _ in x]), np.array([a for a, _ in y])
         cross, power = np.sum(ys * xs.conj(), axis=0), np.sum(np.abs(xs) ** 2, axis=0)
@@ -288,11 +322,13 @@ def _ratio(
     return FrequencyResponse(name, frequencies, sign * ys / xs, np.minimum(coherence, 1.0), 2.0 * np.abs(xs))
 
 
-def _spectrum(values: Array, ticks: int, window: tuple[int, int], frequencies: Array) -> tuple[Any, float]:
+def _spectrum(
+    values: Array, ticks: int, grid: _Grid, window: tuple[int, int], frequencies: Array
+) -> tuple[Any, float]:
     """Fourier coefficients at ``frequencies``, and the power of all that is not constant; with a Hann window."""
-    per_cycle = PLC_TICKS // ticks
-    start, end = window[0] * per_cycle, window[1] * per_cycle
-    time = np.arange(start, end) * ticks * TICK_S
+    in_period = grid.ticks // ticks
+    start, end = window[0] * in_period, window[1] * in_period
+    time = np.arange(start, end) * ticks * grid.clock.tick_s
     hann = 1.0 - np.cos(2.0 * np.pi * np.arange(end - start) / (end - start))
     part = values[start:end] - np.mean(values[start:end] * hann)  # the window's mean is 1
     coefficients = np.exp(-2j * np.pi * np.outer(frequencies, time)) @ (part * hann) / len(part)
@@ -305,57 +341,59 @@ def _admittance(setup: Setup, e: Excitation, make_loop: MakeLoop | None) -> Meas
 
     if setup.hand.squeeze is None:
         raise InputError("the rendered admittance is measured through the hand, which must grip; give a squeeze")
-    segments, windows, frequencies = _force_sines(e) if e.kind == STEPPED else _force_chirp(e)
-    text = f'title = "rendered admittance"\nduration = {windows[-1][1] + 1e-9}\n' + segments + _squeeze(setup)
-    recorded, limited = _run(setup, text, make_loop(setup.parameters) if make_loop else None)
+    hand = replace(setup.hand, arm=False)
+    grid = _Grid.of(setup.parameters.rates.clock)
+    script, windows, frequencies = (_force_sines if e.kind == STEPPED else _force_chirp)(e, hand, grid)
+    recorded, limited = _run(setup, script, make_loop(setup.parameters) if make_loop else None)
     velocity, torque = recorded["/column.velocity"], recorded["/column.torque"]
     if e.kind == STEPPED:
-        cut = [(round(a / PLC_S), round(b / PLC_S)) for a, b in windows]
-        stepped = _Signal(np.zeros(0), tuple(cut), tuple(np.array([f]) for f in frequencies))
+        stepped = _Signal(grid, np.zeros(0), tuple(windows), tuple(np.array([f]) for f in frequencies))
         measured = _ratio("Y", (velocity, 1), (torque, 1), stepped, 1.0)
     else:
-        start, end = (round(t / TICK_S) for t in windows[0])
-        # 2.5 kHz holds all that matters; segments of 0.8 s resolve 1.25 Hz.
-        x, y = (sp.decimate(s[start:end], PLC_TICKS, ftype="fir") for s in (torque, velocity))
-        length = round(0.8 / PLC_S)
-        f, cross = sp.csd(x, y, 1.0 / PLC_S, nperseg=length)
-        _, power = sp.welch(x, 1.0 / PLC_S, nperseg=length)
-        _, coherence = sp.coherence(x, y, 1.0 / PLC_S, nperseg=length)
+        start, end = (at * grid.ticks for at in windows[0])
+        # The PLC's rate holds all that matters; segments of 0.8 s resolve 1.25 Hz.
+        plc_s = grid.clock.plc_s
+        x, y = (sp.decimate(s[start:end], grid.clock.plc_ticks, ftype="fir") for s in (torque, velocity))
+        length = round(0.8 / plc_s)
+        f, cross = sp.csd(x, y, 1.0 / plc_s, nperseg=length)
+        _, power = sp.welch(x, 1.0 / plc_s, nperseg=length)
+        _, coherence = sp.coherence(x, y, 1.0 / plc_s, nperseg=length)
         keep = (f >= 1.1 * e.low) & (f <= 0.9 * e.high)
         amplitude = np.sqrt(2.0 * power[keep] * f[1])
         measured = FrequencyResponse("Y", f[keep], cross[keep] / power[keep], coherence[keep], amplitude)
     predicted = None
     if make_loop is None:
-        from dataclasses import replace
-
-        spectrum = LinearBench(setup.parameters, replace(setup.hand, arm=False)).lifted.spectrum(
-            "hand", measured.frequency
-        )
+        spectrum = LinearBench(setup.parameters, hand).lifted.spectrum("hand", measured.frequency)
         value = spectrum["column_velocity"] / spectrum["grip_torque"]
         predicted = FrequencyResponse("Y", measured.frequency, value)
-    return Measured("rendered-admittance", measured, None, predicted, None, windows[-1][1], limited)
+    return Measured("rendered-admittance", measured, None, predicted, None, script.duration, limited)
 
 
-def _force_sines(e: Excitation) -> tuple[str, list[tuple[float, float]], list[float]]:
-    text, at, windows, frequencies = "", 0.0, [], []
+_Shaken = tuple[Script, list[tuple[int, int]], list[float]]
+"""What the hand does, windows in periods of the grid, and the frequency in each [Hz]."""
+
+
+def _force_sines(e: Excitation, hand: Hand, grid: _Grid) -> _Shaken:
+    parts, windows, frequencies = [], [], []
+    at, settle = 0, round(max(SETTLE, 1.0) / grid.period)
+    before = constant(0.0)
     for wanted in np.geomspace(e.low, e.high, e.points):
-        periods = max(PERIODS, round(0.12 * wanted))
-        cycles = round(periods / wanted / PLC_S)
-        frequency = periods / (cycles * PLC_S)
-        text += (
-            f'[[hand]]\nkind = "sine"\nat = {at}\namplitude_N = {e.amplitude}\nfrequency = {frequency}\nfade = 0.2\n'
-        )
-        settle = max(SETTLE, 1.0)
-        windows.append((at + settle, at + settle + cycles * PLC_S))
+        whole = max(PERIODS, round(0.12 * wanted))
+        count = round(whole / wanted / grid.period)
+        frequency = whole / (count * grid.period)
+        start = at * grid.period
+        reached = float(before(np.array([start - parts[-1].at if parts else 0.0]))[0][0])
+        before = faded(sine(e.amplitude, frequency, 0.0, 0.0), reached, 0.2)
+        parts.append(Part(start, before))
+        windows.append((at + settle, at + settle + count))
         frequencies.append(frequency)
-        at = round((at + settle) / PLC_S + cycles) * PLC_S
-    return text, windows, frequencies
+        at += settle + count
+    return Script(hand, at * grid.period, parts), windows, frequencies
 
 
-def _force_chirp(e: Excitation) -> tuple[str, list[tuple[float, float]], list[float]]:
+def _force_chirp(e: Excitation, hand: Hand, grid: _Grid) -> _Shaken:
     over = 12.0
-    text = (
-        f'[[hand]]\nkind = "chirp"\nat = {SETTLE}\namplitude_N = {e.amplitude}\nfrom_hz = {e.low}\nto_hz = {e.high}\n'
-        f'over = {over}\nsweep = "log"\nfade = 0.2\n'
-    )
-    return text, [(SETTLE, SETTLE + over)], []
+    first, last = round(SETTLE / grid.period), round((SETTLE + over) / grid.period)
+    sweep = faded(chirp(e.amplitude, e.low, e.high, over, 0.0, log=True), 0.0, 0.2)
+    parts = [Part(0.0, constant(0.0)), Part(first * grid.period, sweep)]
+    return Script(hand, last * grid.period, parts), [(first, last)], []

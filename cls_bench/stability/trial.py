@@ -19,19 +19,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cls_bench.analysis.growth import Mode, modes
-from cls_bench.linear.bench import SLOW
-from cls_bench.linear.variation import Setup
 from cls_bench.bench import Bench, DivergedError, OuterLoop
 from cls_bench.errors import InputError
-from cls_bench.scenario import Scenario, parse_scenario
-from cls_bench.signals import Block
+from cls_bench.linear.bench import SLOW
+from cls_bench.linear.variation import Setup
+from cls_bench.parameters import Parameters
+from cls_bench.pilot import constant, ramp
+from cls_bench.signals import Block, Clock
+from cls_bench.stability import driving
+from cls_bench.stability.driving import Change, Part, Script
 from cls_bench.stability.loops import MakeLoop, Probe
 
-DECIMATION = 16
-"""Ticks averaged to one sample of the column's motion: 1250 Hz."""
-
-PERIOD = DECIMATION * 50e-6
-"""Sampling period of the motion that is fitted [s]."""
+PERIOD = 0.8e-3
+"""About the sampling period of the motion that is fitted [s]: a whole number of ticks, averaged."""
 
 WINDOW, HOP = 150, 50
 """Samples in a window of the fit (0.12 s: five periods at 40 Hz), and from one window to the next."""
@@ -56,6 +56,10 @@ KEPT, GONE = 0.3, 0.02
 """Amplitude, as a share of the swing that the pulse gives the feel model, above which an undecided oscillation may
 count as sustained, and below which it is gone: what is left is vibration of the gears or noise. Above 1 it feeds
 itself, however irregular it is."""
+
+
+MOST_TRAVEL = 0.5
+"""Share of the column's travel that the hand moves over; where that is less than asked for it moves more slowly."""
 
 
 @dataclass(frozen=True)
@@ -115,28 +119,29 @@ class Verdict:
     """``decays``, ``grows``, ``sustained``, ``dies out``, ``trip`` or ``diverged``"""
 
 
-def scenario(setup: Setup, standard: Standard, *, pulse: bool = True) -> Scenario:
-    """The trial as a scenario; its parameters are not those of the setup, which the bench is built with."""
+def script(setup: Setup, standard: Standard, *, pulse: bool = True) -> Script:
+    """The trial: what the hand does, and the pulse on the feel model."""
     hand = setup.hand
-    lines = ['title = "stability trial"', f"duration = {standard.duration + 1e-9}"]
+    parts = []
     if hand.squeeze is not None:
         if not hand.arm:
             raise InputError("a trial needs an arm that holds its place")
-        lines += ["[[hand]]", 'kind = "hold"', "at = 0.0", "angle_deg = 0.0"]
+        parts.append(Part(0.0, constant(0.0)))
         if standard.rate_deg > 0:
             over = 2.0 * standard.travel_deg / standard.rate_deg
-            lines += ["[[hand]]", 'kind = "ramp"', "at = 0.001", f"to_deg = {-standard.travel_deg}", "over = 0.3",
-                      "smooth = true"]  # fmt: skip
-            lines += ["[[hand]]", 'kind = "ramp"', f"at = {_MOTION_AT}", f"to_deg = {standard.travel_deg}",
-                      f"over = {over}"]  # fmt: skip
-        lines += ["[[squeeze]]", "at = 0.0", f"value = {float(hand.squeeze)}", "over = 0.0"]
+            end = min(math.radians(standard.travel_deg), MOST_TRAVEL * setup.parameters.column.travel)
+            parts.append(Part(0.001, ramp(0.0, -end, 0.3, smooth=True)))
+            parts.append(Part(_MOTION_AT, ramp(-end, end, over)))
+    changes = []
     if pulse:
-        feel = setup.parameters.feel
+        before, torque = setup.parameters.feel.disturbance_torque, standard.pulse * setup.parameters.feel.inertia
         start, end = standard.pulse_at, standard.pulse_at + standard.pulse_time
-        for at, acceleration in ((start, standard.pulse), (end, 0.0)):
-            total = feel.disturbance_torque + acceleration * feel.inertia
-            lines += ["[[changes]]", f"at = {at}", f'parameters = {{"feel.disturbance_torque" = {float(total)}}}']
-    return parse_scenario("\n".join(lines))
+        changes = [Change(start, _disturbed(before + torque)), Change(end, _disturbed(before))]
+    return Script(hand, standard.duration, parts, changes)
+
+
+def _disturbed(torque: float) -> Callable[[Parameters], Parameters]:
+    return lambda p: p.model_copy(update={"feel": p.feel.model_copy(update={"disturbance_torque": torque})})
 
 
 def run(
@@ -152,10 +157,10 @@ def run(
     if make_loop is not None:
         loop = Probe(make_loop(setup.parameters), torque=_pulse(standard, setup.parameters.feel.inertia))
     bench = Bench(setup.parameters, seed=standard.seed, controller=loop)
-    watch = _Watch(standard)
+    watch = _Watch(standard, bench.clock)
     decided = None
     try:
-        for block in bench.run(scenario(setup, standard, pulse=loop is None)):
+        for block in driving.run(bench, script(setup, standard, pulse=loop is None)):
             if any(event.source == "safety" for event in block.events):
                 return watch.verdict(False, "trip")
             watch.add(block)
@@ -188,29 +193,31 @@ def _slope(fits: list[_Fit]) -> float:
 class _Watch:
     """Collects the column's motion and fits it window by window."""
 
-    def __init__(self, standard: Standard):
+    def __init__(self, standard: Standard, clock: Clock):
         self._standard = standard
-        self._first = round((standard.pulse_at + standard.pulse_time + SETTLE) / PERIOD)
+        self._ticks = max(1, round(PERIOD / clock.tick_s))
+        self._period = self._ticks * clock.tick_s
+        self._first = round((standard.pulse_at + standard.pulse_time + SETTLE) / self._period)
         self._velocity: NDArray[np.float64] = np.zeros(0)
         self._rest: NDArray[np.float64] = np.zeros(0)
         self._fits: list[_Fit] = []
 
     def add(self, block: Block) -> None:
         ticks = np.concatenate([self._rest, block["/column.velocity"]])
-        whole = len(ticks) // DECIMATION * DECIMATION
+        whole = len(ticks) // self._ticks * self._ticks
         self._rest = ticks[whole:]
-        self._velocity = np.concatenate([self._velocity, ticks[:whole].reshape(-1, DECIMATION).mean(axis=1)])
+        self._velocity = np.concatenate([self._velocity, ticks[:whole].reshape(-1, self._ticks).mean(axis=1)])
         # The acceleration lifts the oscillation out of the slow motion.
-        acceleration = np.diff(self._velocity) / PERIOD
+        acceleration = np.diff(self._velocity) / self._period
         while (start := self._first + HOP * len(self._fits)) + WINDOW <= len(acceleration):
             found = [
-                mode for mode in modes(acceleration[start : start + WINDOW], PERIOD)
+                mode for mode in modes(acceleration[start : start + WINDOW], self._period)
                 if BAND[0] < mode.frequency < BAND[1]
             ]  # fmt: skip
             # Of several the one with the largest speed: not the fast hum of the gears, not a slow remainder.
             mode = max(found, key=lambda m: m.amplitude / m.frequency, default=Mode(-math.inf, math.nan, 0.0, 0.0))
             angle = mode.amplitude / (2.0 * math.pi * mode.frequency) ** 2 if found else 0.0
-            self._fits.append(_Fit((start + WINDOW / 2) * PERIOD, replace(mode, amplitude=angle)))
+            self._fits.append(_Fit((start + WINDOW / 2) * self._period, replace(mode, amplitude=angle)))
 
     def decision(self) -> tuple[bool, str] | None:
         """(stable, reason) once the last four windows agree, or the oscillation is gone."""
@@ -254,7 +261,7 @@ class _Watch:
         return fit.mode.amplitude * 2.0 * math.pi * fit.mode.frequency / speed
 
     def verdict(self, stable: bool, reason: str) -> Verdict:
-        simulated = len(self._velocity) * PERIOD
+        simulated = len(self._velocity) * self._period
         if not self._fits:
             return Verdict(stable, math.nan, math.nan, math.nan, simulated, reason)
         last = self._fits[-1].mode

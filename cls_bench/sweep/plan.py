@@ -41,8 +41,8 @@ from cls_bench.errors import InputError
 from cls_bench.parameters import Parameters, leaves
 from cls_bench.resources import shipped_scenarios
 from cls_bench.scenario import Check, Scenario, load_scenario, parse_scenario
-from cls_bench.scenario.faults import nearest, shown
-from cls_bench.scenario.toml_file import read_toml
+from cls_bench.input.faults import nearest, shown
+from cls_bench.input.toml_file import read_toml
 from cls_bench.sweep.axes import MOST_POINTS, Array, Axis, Listed, Random, Strict
 from cls_bench.sweep.engine import Point
 from cls_bench.text import escaped

@@ -68,7 +68,8 @@ def _saved(trial: Trial, mcap: Path, code: int) -> float:
     from cls_bench.errors import InputError
 
     try:
-        return reference.compare(trial.stage, mcap, {"incomplete"} if code else {"complete"})
+        # Killed when all was written, and only the process had not yet ended, it may be complete.
+        return reference.compare(trial.stage, mcap, {"incomplete", "complete"} if code else {"complete"})
     except InputError as error:
         if mcap.stat().st_size < 100_000:  # killed while the head was written
             return 0.0

@@ -396,6 +396,27 @@ def channel(data: bytes, rng: Rng) -> bytes:
     return _edit(data, rng, Channel, Opcode.CHANNEL, change)
 
 
+def clock(data: bytes, rng: Rng) -> bytes:
+    """Other rates, possible or not, in all channels or in one."""
+    tick = int(rng.choice([0, 1, 10_000, 25_000, 50_000, 62_500, 100_000, 200_000, 10**9]))
+    velocity, bus = (int(n) for n in rng.choice([0, 1, 2, 3, 4, 8, 64, 10**8], 2))
+    said = (
+        f"tick_ns={tick} velocity_ticks={velocity} position_ticks={velocity * int(rng.integers(1, 4))} "
+        f"bus_ticks={bus} plc_ticks={bus * int(rng.integers(1, 9))}"
+    )
+    one = rng.random() < 0.2
+
+    def change(record: Record) -> Record:
+        channel = _decoded(Channel, record[1])
+        return _encoded(replace(channel, metadata={**channel.metadata, "clock": said}))
+
+    records = split(data)
+    places = [k for k, (opcode, _) in enumerate(records) if opcode == Opcode.CHANNEL]
+    for k in places[:1] if one else places:
+        records[k] = change(records[k])
+    return join(records)
+
+
 def schema(data: bytes, rng: Rng) -> bytes:
     def change(record: Schema) -> Schema:
         choices = (
@@ -557,8 +578,8 @@ def no_recording(data: bytes, rng: Rng) -> bytes:
 
 
 EDITS: tuple[Mutation, ...] = (
-    metadata_value, metadata_name, more_metadata, attachment_name, attachment_data, scenario_text, channel, schema,
-    chunk_content, chunk_head, bomb, many_records, event_text, no_recording,
+    metadata_value, metadata_name, more_metadata, attachment_name, attachment_data, scenario_text, channel, clock,
+    schema, chunk_content, chunk_head, bomb, many_records, event_text, no_recording,
 )  # fmt: skip
 
 

@@ -77,6 +77,8 @@ def compare(stage: Path, path: Path, statuses: set[str] | None = None) -> float:
         duration = other.duration
         if duration > alone.duration:
             raise LostError(f"the recording is longer than the run: {duration} s")
+        if other.status == "complete" and duration != alone.duration:
+            raise LostError(f"the recording is called complete and ends at {duration} s")
         if duration == 0.0:
             return 0.0
         if set(other.topics) != set(alone.topics):

@@ -1,4 +1,4 @@
-"""Reading TOML text, and placing overrides ``KEY=VALUE`` in what was read.
+"""Reading TOML text.
 
 The text is looked over before it is parsed: what a person writes is small and flat, and a parser can be made to take
 minutes and gigabytes over a few kilobytes that are not.
@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from cls_bench.errors import InputError
-from cls_bench.scenario.files import read_file
+from cls_bench.input.files import read_file
 from cls_bench.text import escaped
 
 MOST_BYTES = 1_000_000
@@ -18,9 +18,6 @@ MOST_BYTES = 1_000_000
 
 MOST_PARTS, DEEPEST, LONGEST_WORD = 10, 10, 200
 """Parts of a dotted key, brackets within brackets, and characters of a key or number."""
-
-LONGEST_OVERRIDE = 10_000
-"""Characters of an override."""
 
 _TOKEN = re.compile(
     r"""
@@ -39,9 +36,6 @@ def read_toml(path: Path, file: str) -> tuple[bytes, dict[str, Any]]:
     """Content and table of a TOML file, called ``file`` in messages. Raises InputError and OSError."""
     source = read_file(path, MOST_BYTES)
     return source, parse_toml(source, file)
-
-ENTRIES = ("hand", "squeeze", "changes", "checks", "expected_trips")
-"""Arrays of tables, whose entries an override can name."""
 
 
 def parse_toml(source: bytes, file: str) -> dict[str, Any]:
@@ -95,54 +89,3 @@ def _excess(text: str) -> str:
         if found:
             return f"line {text.count(chr(10), 0, token.start()) + 1}: {found}"
     return ""
-
-
-def place_override(table: dict[str, Any], entry: str) -> str:
-    """Put the override ``KEY=VALUE`` into ``table``; returns its full key. InputError if it cannot be read."""
-    key, equals, text = entry.partition("=")
-    key, text = key.strip(), text.strip()
-    entry, value = (escaped(" ".join(part.split())) for part in (entry[:LONGEST_OVERRIDE], text[:LONGEST_OVERRIDE]))
-    if not equals or not key or not text:
-        raise InputError(f"--set {entry}: not of the form KEY=VALUE, such as feel.inertia=0.25")
-    if len(key) + len(text) > LONGEST_OVERRIDE:
-        raise InputError(f"--set {entry}: longer than the {LONGEST_OVERRIDE} characters that are read")
-    if key.count(".") >= MOST_PARTS:
-        raise InputError(f"--set {entry}: a key of more than {MOST_PARTS} parts")
-    parsed: dict[str, Any] = {}
-    if re.fullmatch(r"[A-Za-z_]\w*", text) and text not in ("true", "false", "inf", "nan"):
-        parsed = {"value": text}
-    else:
-        try:
-            parsed = parse_toml(f"value = {text}".encode(errors="surrogatepass"), "")
-        except InputError as error:
-            if "broken TOML" not in str(error) and "not UTF-8" not in str(error):
-                raise InputError(f"--set {entry}: {str(error).rpartition(': ')[2]}") from None
-    if list(parsed) != ["value"]:
-        raise InputError(f'--set {entry}: {value} is not a TOML value, such as 0.25, true or "velocity"')
-    if match := re.fullmatch(r"(\w+)\[(\d{1,6})\]\.(.+)", key):
-        table = _entry(table, match[1], int(match[2]))
-        *parents, last = match[3].split(".")
-    else:
-        if key not in ("duration", "seed") and not key.startswith("record."):
-            key = "parameters." + key.removeprefix("parameters.")
-        *parents, last = key.split(".")
-    for parent in parents:
-        inner = table.setdefault(parent, {})
-        if not isinstance(inner, dict):  # left as it is: the check of the table says what is wrong with it
-            return key
-        table = inner
-    table[last] = parsed["value"]
-    return key
-
-
-def _entry(table: dict[str, Any], name: str, number: int) -> dict[str, Any]:
-    """An entry of an array of tables, such as ``squeeze[0]``. Raises InputError unless it is there."""
-    name = escaped(name)
-    if name not in ENTRIES:
-        raise InputError(f"--set {name}[{number}]: {name} has no entries; valid: {', '.join(ENTRIES)}")
-    entries = table.get(name, [])
-    count = len(entries) if isinstance(entries, list) else 0
-    entry = entries[number] if number < count else None
-    if not isinstance(entry, dict):
-        raise InputError(f"--set {name}[{number}]: the scenario has {count} entries of {name}, counted from 0")
-    return entry

@@ -1,0 +1,106 @@
+"""The one way in which a dotted key changes parameters: of rig files, scenarios, their changes, ``--set`` and sweeps."""
+
+import re
+from collections.abc import Iterator, Mapping
+from functools import cache
+from typing import Any
+
+from pydantic import ValidationError
+
+from cls_bench.input.faults import FaultError, listed, nearest, problem_of, shown
+from cls_bench.parameters import Parameters, Section, leaves
+
+_OF_A_FOUR_BAR = tuple(
+    f"linkage.{name}"
+    for name in ("crank", "rod", "crank_angle", "rod_angle", "rod_crank_mass", "rod_column_mass", "rod_end_mass")
+)
+
+
+@cache
+def known_keys() -> Mapping[str, Mapping[str, Any]]:
+    """All parameters by dotted key, with unit, source, meaning, what is valid, and whether they are live."""
+    return {key: about for key, _, about in leaves(Parameters())}
+
+
+def whole_keys() -> frozenset[str]:
+    """Keys of parameters that are whole numbers."""
+    return frozenset(key for key, value, _ in leaves(Parameters()) if type(value) is int)
+
+
+def parameters_with(
+    key: str, parameters: Parameters, table: Mapping[str, Any], *, live_only: bool = False
+) -> Parameters:
+    """As :func:`override`; faults are named below ``key``."""
+    try:
+        return override(parameters, table, live_only=live_only)
+    except FaultError as fault:
+        raise FaultError(f"{key}.{fault.key}".rstrip("."), fault.problem) from None
+
+
+def flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """(dotted key, value) of a nested table; dotted keys in it are as good as tables."""
+    for name, value in table.items():
+        key = prefix + name
+        if isinstance(value, Mapping) and key not in known_keys():
+            yield from flat(value, f"{key}.")
+        else:
+            yield key, value
+
+
+def override(parameters: Parameters, table: Mapping[str, Any], *, live_only: bool = False) -> Parameters:
+    """A copy of ``parameters`` with the values of the nested ``table``; raises FaultError at the first bad one."""
+    known, merged, changed = known_keys(), parameters.model_dump(), []
+    for key, value in flat(table):
+        *parents, last = key.split(".")
+        if key not in known:
+            below = [name for name in known if name.startswith(f"{key}.")]
+            if below:
+                raise FaultError(key, f"{shown(value)} is not valid; it is a section with {listed(below)}")
+            section = [name for name in known if name.startswith(".".join([*parents, ""]))]
+            raise FaultError(key, f"unknown parameter; {nearest(key, section or known)}")
+        if live_only and not known[key]["live"]:
+            live = [name for name in known if known[name]["live"]]
+            near = [name for name in live if name.startswith(f"{parents[0]}.")]
+            near = near or [f"some of {name}" for name in dict.fromkeys(name.partition(".")[0] for name in live)]
+            raise FaultError(key, f"holds for the whole run; these may change while it goes on: {listed(near)}")
+        inner = merged
+        for parent in parents:
+            inner = inner[parent]
+        inner[last] = value
+        changed.append(key)
+    try:
+        found = Parameters.model_validate(merged)
+    except ValidationError as failure:
+        error = failure.errors(include_url=False)[0]
+    else:
+        for key in changed:
+            if missing := not_in_use(found, key):
+                raise FaultError(key, missing)
+        return found
+    section_type: type[Section] = Parameters
+    for part in error["loc"]:
+        inner_type = section_type.model_fields[str(part)].annotation
+        if isinstance(inner_type, type) and issubclass(inner_type, Section):
+            section_type = inner_type
+    raise FaultError(".".join(map(str, error["loc"])), problem_of(error, section_type))
+
+
+def not_in_use(parameters: Parameters, key: str) -> str:
+    """Why a parameter means nothing on a rig with these; empty if it does."""
+    stages = parameters.gearbox.stages
+    if (match := re.match(r"gearbox\.stage(\d)\.", key)) and int(match[1]) > stages:
+        there = "no stage" if stages == 0 else "one stage" if stages == 1 else f"{stages} stages"
+        return f"there is no stage {match[1]}: the gearbox has {there}, as gearbox.stages = {stages} says"
+    if key in _OF_A_FOUR_BAR and parameters.linkage.kind == "none":
+        return 'there is no four-bar linkage, as linkage.kind = "none" says'
+    return ""
+
+
+def differences(base: Parameters, parameters: Parameters) -> dict[str, Any]:
+    """What :func:`override` makes of ``base`` to get ``parameters``: dotted keys in use and their values."""
+    before = {key: value for key, value, _ in leaves(base)}
+    return {
+        key: value
+        for key, value, _ in leaves(parameters)
+        if value != before[key] and not not_in_use(parameters, key)
+    }
