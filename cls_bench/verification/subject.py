@@ -112,6 +112,8 @@ class Specimen:
         self.step: float = self.model.opt.timestep
         self.joints = tuple(self.model.joint(k).name for k in range(self.model.njnt))
         """names of the joints; without a stage the motor is the ``crank``"""
+        self.shafts = tuple(plant_model.shaft_names(p.gearbox.stages))
+        """those from the motor to the crank"""
         truth = np.zeros(1, TRUTH)
         self.truth: Any = truth.view(np.recarray)[0]
         self._memory = records(truth)
@@ -217,8 +219,3 @@ class Subject:
     def plant(self, p: Parameters) -> Specimen:
         """The whole plant, motor open and hand off."""
         return Specimen(self.alter(p))
-
-
-def gravity_free(p: Parameters) -> Parameters:
-    """The same with its masses where they have no weight about their axis."""
-    return p.model_copy(update={"column": p.column.model_copy(update={"mass_height": 0.0})})
