@@ -1,94 +1,78 @@
-"""Gear with losses: Modelica's LossyGearDemo1, the overall efficiency, and the load's way back through the gearbox."""
+"""Gear with losses: Modelica's LossyGearDemo1, the same with drag per direction, efficiency both ways, self-locking."""
 
 import math
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from cls_bench.compiled import compiled, mj_step
 from cls_bench.parameters import Gearbox, GearStage, Motor, Parameters, Simulation
-from cls_bench.plant.gearbox import update_stage
-from cls_bench.plant.state import Plant
+from cls_bench.verification.lossy_gear import Gear, Motion, follow
 from cls_bench.verification.reading import Array, at, crossing, start
-from cls_bench.verification.reduced_model import mesh_loss
+from cls_bench.verification.rigs import rigs
 from cls_bench.verification.row import Row
-from cls_bench.verification.subject import Specimen, Subject
+from cls_bench.verification.subject import Feedback, Record, Specimen, Subject
 
 GROUP = "gear with losses"
 DEMO = "Modelica LossyGearDemo1"
+BOTH_WAYS = "drive and back-drive"
 
 
-@compiled
-def _run_stage(
-    plant: Plant, applied: Any, box: Any, mesh_loss: float, damping: float, input_torque: Any, output_torque: Any,
-    out: Any,
-) -> None:  # fmt: skip
-    for k in range(input_torque.shape[0]):
-        applied[0], applied[1] = input_torque[k], output_torque[k]
-        _, out[k, 4] = update_stage(plant, box, box.stage1, mesh_loss, damping, 0, 0, 0, 0, 1)
-        out[k, 0], out[k, 1] = plant.qpos[0], plant.qvel[0]
-        out[k, 2], out[k, 3] = plant.qpos[1], plant.qvel[1]
-        mj_step(plant.model, plant.data)
+def shafts(p: Parameters) -> tuple[str, ...]:
+    """Joints of the gearbox from the motor to the crank."""
+    return ("motor", *(f"carrier{k}" for k in range(1, p.gearbox.stages)), "crank")
 
 
-def run_stage(stage: Specimen, input_torque: Array, output_torque: Array) -> Array:
-    """Stage 1 alone under torques [N·m] on its shafts.
-
-    Columns: input angle [rad] and speed [rad/s], output angle and speed, torque through the mesh [N·m].
-    """
-    out = np.empty((len(input_torque), 5))
-    box = stage.parameters.gearbox
-    _run_stage(
-        stage.plant, stage.applied, stage.record.gearbox, box.mesh_loss, stage.dampings.stage1,
-        input_torque, output_torque, out,
-    )  # fmt: skip
-    return out
+def stage_alone(subject: Subject, p: Parameters, number: int = 1) -> Specimen:
+    """A stage between two free shafts."""
+    others = [f"stage{k}" for k in range(1, p.gearbox.stages + 1) if k != number]
+    return subject.element(p, shafts(p)[number - 1 : number + 1], ("rod", "weight", *others))
 
 
-def stage_alone(subject: Subject, p: Parameters) -> Specimen:
-    """Stage 1 between two free shafts."""
-    return subject.element(p, ("motor", "carrier1"), ("stage1", "stage1_friction"))
+def with_stages(p: Parameters, **changes: object) -> Parameters:
+    """The same with every stage in use changed alike. A copy is not held to the bounds of a bench."""
+    stages = {
+        f"stage{k}": stage.model_copy(update=changes) for k, stage in enumerate(p.gearbox.in_use, 1)
+    }
+    return p.model_copy(update={"gearbox": p.gearbox.model_copy(update=stages)})
 
 
-def demo_parameters() -> Parameters:
+def demo_parameters(*, drag: float = 0.0, drag_ratio: float = 1.0) -> Parameters:
     """Inertias 1 and 1.5 kg·m² through a ratio of 2, mesh efficiency 0.5 both ways.
 
     The reference is rigid, so mesh and bristles are as stiff as the finest step carries: 1e-9 rad of give under the
-    torques of the demo. In the bench's law, friction over torque carried on is 1/η − 1 when driving and 1 − η when
-    driven back: 1 and 0.5.
+    torques of the demo.
     """
-    stiffness = 3e9
+    stiffness, tiny = 3e9, 1e-9
     # Copies are not held to the bounds of a bench: the example's gears are a thousand times heavier.
-    stage = GearStage().model_copy(
-        update={"stiffness": stiffness, "damping_ratio": 0.5, "backlash": 0.0, "drag": 0.0, "ripple": 0.0}
+    stage = GearStage(ratio=2.0, efficiency=0.5, backdrive_efficiency=0.5, ripple=0.0).model_copy(
+        update={"stiffness": stiffness, "damping_ratio": 0.5, "inertia": 1.5, "drag": drag, "drag_ratio": drag_ratio}
     )
-    tiny = 1e-9
-    gearbox = Gearbox().model_copy(
-        update={
-            "ratio": 2.0, "input_inertia": tiny, "carrier1_inertia": 1.5, "efficiency": 0.25,
-            "backdrive_loss_ratio": 0.5, "breakaway_ratio": 1.0, "stribeck_velocity": 1e-3,
-            "bristle_stiffness": stiffness, "bristle_damping": math.sqrt(stiffness), "stage1": stage, "stage2": stage,
-        }
-    )  # fmt: skip
+    gearbox = Gearbox(input_inertia=tiny, breakaway_ratio=1.0, stribeck_velocity=1e-3).model_copy(
+        update={"bristle_stiffness": stiffness, "bristle_damping": math.sqrt(stiffness), "stage1": stage}
+    )
     motor = Motor().model_copy(update={"rotor_inertia": 1.0 - tiny})
     parts = {"motor": motor, "gearbox": gearbox, "simulation": Simulation(substeps=64)}
     return Parameters().model_copy(update=parts)
 
 
+def _demo(subject: Subject, p: Parameters) -> Record:
+    stage = stage_alone(subject, p)
+    time = stage.times(0.5)
+    return stage.run(time, {"motor": 10.0 * np.sin(2.0 * np.pi * time), "carrier1": -10.0 + 2.5 * time})
+
+
+_STILL = 2e-5
+"""Speed [rad/s] of a shaft that sticks; above what the bristles ring with after a stop."""
+
+
 def lossy_gear_demo(subject: Subject) -> Iterator[Row]:
     """Sticking, breaking away and reversing at the times and places of the reference result."""
-    stage = stage_alone(subject, demo_parameters())
-    time = stage.times(0.5)
-    out = run_stage(stage, 10.0 * np.sin(2.0 * np.pi * time), -10.0 + 2.5 * time)
-    angle, speed = out[:, 2], out[:, 3]
-    still = 2e-5  # rad/s; above what the bristles ring with after a stop
-    first_stop = crossing(time, np.abs(speed), still, after=0.05)
-    second_stop = crossing(time, np.abs(speed), still, after=0.3)
+    record = _demo(subject, demo_parameters())
+    time, angle, speed = record.time, record.angle["carrier1"], record.velocity["carrier1"]
     for quantity, expected, obtained in (
-        ("sticks", 0.0805, first_stop),
+        ("sticks", 0.0805, crossing(time, np.abs(speed), _STILL, after=0.05)),
         ("breaks away", 0.1995, start(time, speed, 1e-4, after=0.1)),
-        ("sticks again", 0.3713, second_stop),
+        ("sticks again", 0.3713, crossing(time, np.abs(speed), _STILL, after=0.3)),
         ("reverses", 0.4645, start(time, -speed, 1e-4, after=0.4)),
     ):
         yield Row(GROUP, f"time at which it {quantity}", "s", expected, DEMO, obtained, 0.5e-3, relative=False)
@@ -101,74 +85,149 @@ def lossy_gear_demo(subject: Subject) -> Iterator[Row]:
         yield Row(GROUP, quantity, unit, expected, DEMO, obtained, 0.01)
 
 
-@compiled
-def _run_box(
-    plant: Plant, applied: Any, box: Any, mesh_loss: float, damping1: float, damping2: float, motor_torque: float,
-    crank_torque: float, motor_brake: float, crank_brake: float, velocities: Any,
-) -> None:  # fmt: skip
-    for k in range(velocities.shape[0]):
-        applied[0] = motor_torque - motor_brake * plant.qvel[0]
-        applied[2] = crank_torque - crank_brake * plant.qvel[2]
-        update_stage(plant, box, box.stage1, mesh_loss, damping1, 0, 0, 0, 0, 1)
-        update_stage(plant, box, box.stage2, mesh_loss, damping2, 1, 1, 1, 1, 2)
-        velocities[k, 0], velocities[k, 1] = plant.qvel[0], plant.qvel[2]
-        mj_step(plant.model, plant.data)
+def drag_per_direction(subject: Subject) -> Iterator[Row]:
+    """The same gear with a drag of 0.2 N·m that is 2.5 times as much when the load drives, against a rigid one.
+
+    The rigid gear (:mod:`cls_bench.verification.lossy_gear`) goes from event to event; without drag it has to give the
+    reference result first.
+    """
+    solution = follow(Gear(), 0.5)
+    law, what = "rigid gear, event by event", "of the rigid gear without drag"
+    yield Row(GROUP, f"load angle at 0.5 s {what}", "rad", 1.66e-5, DEMO, float(solution.angle[-1]), 0.01)
+    yield Row(GROUP, f"load speed at 0.5 s {what}", "rad/s", -0.01626, DEMO, float(solution.speed[-1]), 0.01)
+
+    drag, ratio = 0.2, 2.5
+    expected = follow(Gear(drag=drag, drag_back=ratio * drag), 0.5)
+    record = _demo(subject, demo_parameters(drag=drag, drag_ratio=ratio))
+    angle, speed = record.angle["carrier1"], record.velocity["carrier1"]
+    begins = {"sticks": 0.05, "breaks away": 0.1, "sticks again": 0.3, "reverses": 0.4}
+    for name, after in begins.items():
+        sticks = name.startswith("sticks")
+        way = 1.0 if name == "breaks away" else -1.0
+        obtained = (
+            crossing(record.time, np.abs(speed), _STILL, after=after) if sticks
+            else start(record.time, way * speed, 1e-4, after=after)
+        )  # fmt: skip
+        yield Row(GROUP, f"drag per direction: time at which it {name}", "s", _event(expected, sticks, after), law,
+                  obtained, 0.5e-3, relative=False)  # fmt: skip
+    for quantity, time in (("while it sticks", 0.15), ("while it sticks again", 0.43), ("at 0.5 s", 0.5)):
+        yield Row(GROUP, f"drag per direction: load angle {quantity}", "rad", at(expected.time, expected.angle, time),
+                  law, at(record.time, angle, time), 2e-6, relative=False)  # fmt: skip
+
+
+def _event(motion: Motion, sticks: bool, after: float) -> float:
+    """First time [s] after ``after`` at which a rigid gear comes to rest, or leaves it; NaN if never."""
+    times = [time for time, stuck in motion.events if stuck == sticks and time >= after]
+    return times[0] if times else math.nan
+
+
+# --- the whole gearbox ---
+
+
+def _smooth(p: Parameters) -> Parameters:
+    """Without ripple and transmission error: an efficiency is a mean over the teeth."""
+    return with_stages(p, ripple=0.0, transmission_error=0.0)
 
 
 def _efficiency(subject: Subject, p: Parameters, torque: float, *, back: bool) -> float:
     """Power out over power in of the whole gearbox at a steady speed, against a brake on the other shaft."""
-    box = subject.element(p, ("motor", "carrier1", "crank"), ("stage1", "stage2", "stage1_friction", "stage2_friction"))
-    ratio = p.gearbox.ratio**2
+    box = subject.element(p, shafts(p), ("rod", "weight"))
+    ratio, inertia = p.gearbox.ratio, p.motor.rotor_inertia + p.gearbox.inertia_at_motor
     motor_speed = 100.0  # rad/s, far above the Stribeck velocity of every stage
-    velocities = np.empty((round(0.3 / box.step), 2))
     # The brake is viscous and takes about what comes out, so the speed settles near motor_speed.
     brake = torque / (ratio * motor_speed) if back else torque * ratio**2 / motor_speed
-    _run_box(
-        box.plant, box.applied, box.record.gearbox, box.parameters.gearbox.mesh_loss, box.dampings.stage1,
-        box.dampings.stage2, 0.0 if back else torque, torque if back else 0.0, brake if back else 0.0,
-        0.0 if back else brake, velocities,
-    )  # fmt: skip
-    motor, crank = velocities[-400:].mean(axis=0)
+    seen = brake if back else brake / ratio**2
+    time = box.times(max(0.3, 12.0 * inertia / seen))
+    on, braked = ("crank", "motor") if back else ("motor", "crank")
+    record = box.run(time, {on: torque}, feedback={braked: Feedback(damping=brake)})
+    motor, crank = (float(record.velocity[name][-400:].mean()) for name in ("motor", "crank"))
     if back:
-        return float(brake * motor**2 / (torque * crank))
-    return float(brake * crank**2 / (torque * motor))
+        return brake * motor**2 / (torque * crank)
+    return brake * crank**2 / (torque * motor)
 
 
-def _expected_driving(p: Parameters, torque: float) -> float:
+def _expected_driving(stages: Sequence[GearStage], torque: float) -> float:
     """Efficiency by the definition: each stage takes its drag, then its mesh loss from what is left."""
-    box = p.gearbox
-
-    def out(loss: float, t: float) -> float:
-        for stage in (box.stage1, box.stage2):
-            t = (t - stage.drag) / (1.0 + loss) * box.ratio
-        return t
-
-    loss = mesh_loss(p)
-    return out(loss, torque) / (torque * box.ratio**2)
+    carried, ratio = torque, 1.0
+    for stage in stages:
+        carried, ratio = (carried - stage.drag) * stage.efficiency * stage.ratio, ratio * stage.ratio
+    return carried / (torque * ratio)
 
 
-def _expected_back(p: Parameters, torque: float) -> float:
-    box = p.gearbox
-    loss, t = mesh_loss(p) * box.backdrive_loss_ratio, torque
-    for stage in (box.stage2, box.stage1):
-        t = t / box.ratio * (1.0 - loss) - stage.drag
-    return t * box.ratio**2 / torque
+def _expected_back(stages: Sequence[GearStage], torque: float) -> float:
+    carried, ratio = torque, 1.0
+    for stage in reversed(stages):
+        carried = carried / stage.ratio * stage.backdrive_efficiency - stage.drag * stage.drag_ratio
+        ratio *= stage.ratio
+    return carried * ratio / torque
 
 
 def efficiency(subject: Subject) -> Iterator[Row]:
     """Efficiency of the whole gearbox both ways, over torque; without ripple and transmission error."""
-    p = Parameters()
-    stages = {
-        name: getattr(p.gearbox, name).model_copy(update={"ripple": 0.0, "transmission_error": 0.0})
-        for name in ("stage1", "stage2")
-    }
-    p = p.model_copy(update={"gearbox": p.gearbox.model_copy(update=stages)})
-    group, law = "drive and back-drive", "definition, stage by stage"
-    yield Row(group, "efficiency, motor drives at 1 N·m", "1", 0.85, "thesis 3.2.2",
+    p = _smooth(Parameters())
+    stages = p.gearbox.in_use
+    law = "definition, stage by stage"
+    yield Row(BOTH_WAYS, "efficiency, motor drives at 1 N·m", "1", 0.85, "thesis 3.2.2",
               _efficiency(subject, p, 1.0, back=False), 0.005)  # fmt: skip
     for torque in (0.25, 0.5, 2.0, 4.0):
-        yield Row(group, f"efficiency, motor drives at {torque:g} N·m", "1", _expected_driving(p, torque), law,
+        yield Row(BOTH_WAYS, f"efficiency, motor drives at {torque:g} N·m", "1", _expected_driving(stages, torque), law,
                   _efficiency(subject, p, torque, back=False), 0.005)  # fmt: skip
     for torque in (10.0, 25.0, 50.0, 100.0):
-        yield Row(group, f"efficiency, {torque:g} N·m at the crank drives the motor", "1", _expected_back(p, torque),
-                  law, _efficiency(subject, p, torque, back=True), 0.005)  # fmt: skip
+        yield Row(BOTH_WAYS, f"efficiency, {torque:g} N·m at the crank drives the motor", "1",
+                  _expected_back(stages, torque), law, _efficiency(subject, p, torque, back=True), 0.005)  # fmt: skip
+
+
+def efficiency_of_rigs(subject: Subject) -> Iterator[Row]:
+    """The same for one stage, three stages, a belt and a worm."""
+    law = "definition, stage by stage"
+    for name, forth, back in (
+        ("one stage", 2.0, 40.0), ("three stages", 1.0, 40.0), ("belt", 2.0, 50.0), ("worm", 1.0, 0.0),
+    ):  # fmt: skip
+        p = _smooth(rigs()[name])
+        stages = p.gearbox.in_use
+        yield Row(BOTH_WAYS, f"{name}: efficiency, motor drives at {forth:g} N·m", "1",
+                  _expected_driving(stages, forth), law, _efficiency(subject, p, forth, back=False), 0.005)  # fmt: skip
+        if back:
+            yield Row(BOTH_WAYS, f"{name}: efficiency, {back:g} N·m at the crank drives the motor", "1",
+                      _expected_back(stages, back), law, _efficiency(subject, p, back, back=True), 0.005)  # fmt: skip
+
+
+def self_locking(subject: Subject) -> Iterator[Row]:
+    """A worm holds any load at its output without creep, and the motor can lower it; one with η' > 0 yields.
+
+    With a back-driving efficiency η' the friction is D + (1 − η') T/r against the load's T/r.
+    """
+    group, p = "self-locking", with_stages(rigs()["worm"], ripple=0.0, transmission_error=0.0)
+    stage = p.gearbox.stage1
+    drag = stage.drag * stage.drag_ratio
+    for load in (20.0, 200.0):
+        worm = stage_alone(subject, p)
+        time = worm.times(1.5)
+        angle = worm.run(time, {"crank": load * np.minimum(time / 0.2, 1.0)}).angle["motor"]
+        creep = (angle[-1] - at(time, angle, 0.5)) / (time[-1] - 0.5)
+        yield Row(group, f"worm, {load:g} N·m at the crank: speed of the motor shaft", "rad/s", 0.0, "true stiction",
+                  float(creep), 1e-6, relative=False)  # fmt: skip
+
+    load, speed = 50.0, 50.0
+    worm = stage_alone(subject, p)
+    time = worm.times(1.2)
+    acted: dict[str, Array] = {}
+    worm.run(
+        time, {"crank": load * np.minimum(time / 0.2, 1.0)}, feedback={"motor": Feedback(damping=0.02)},
+        target={"motor": speed * np.maximum(time - 0.3, 0.0)}, acted=acted,
+    )  # fmt: skip
+    yield Row(group, f"worm, {load:g} N·m at the crank: motor torque that lowers it", "N·m",
+              drag - stage.backdrive_efficiency * load / stage.ratio, "D − η' T/r", float(acted["motor"][-4000:].mean()),
+              0.01)  # fmt: skip
+
+    efficiency = 0.3
+    yielding = stage_alone(subject, with_stages(p, backdrive_efficiency=efficiency))
+    before = p.motor.rotor_inertia + p.gearbox.input_inertia
+    behind = stage.inertia + p.linkage.crank_inertia + p.linkage.rod_crank_mass * p.linkage.crank**2
+    time = yielding.times(0.4)
+    record = yielding.run(time, {"crank": load})
+    late = time > 0.2
+    expected = (efficiency * load / stage.ratio - drag) / (before * stage.ratio + efficiency * behind / stage.ratio)
+    yield Row(group, f"the same with a back-driving efficiency of {efficiency:g}: acceleration of the crank", "rad/s²",
+              expected, "closed form", float(np.polyfit(time[late], record.velocity["crank"][late], 1)[0]),
+              0.01)  # fmt: skip

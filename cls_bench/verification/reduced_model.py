@@ -1,19 +1,21 @@
 """The bench a second time: minimal coordinates, written down by hand, integrated by SciPy.
 
-Motor, carrier 1, crank and column turn by θ, α, ψ, φ; these four angles are the only coordinates. The connecting rod
-follows from the two joints it lies between, so the linkage needs no constraint::
+The shafts from the motor to the crank turn by θ_0 … θ_N, the last of which is the crank's ψ, the column by φ; these
+angles are the only coordinates. The connecting rod follows from the two joints it lies between, so the linkage needs no
+constraint::
 
-    C1 = A1 + a e(ψ),  C2 = b e(φ),  e(x) = (sin x, cos x),  e'(x) = t(x) = (cos x, −sin x)     plane x – z
-    d = C2 − C1,  ρ = |d|,  u = d/ρ,  n = u turned by 90°,  ω = n·ḋ/ρ                            rod
+    C1 = A1 + a e(ψ + γ),  C2 = b e(φ + α),  e(x) = (sin x, cos x),  e'(x) = t(x) = (cos x, −sin x)     plane x – z
+    d = C2 − C1,  ρ = |d|,  u = d/ρ,  n = u turned by 90°,  ω = n·ḋ/ρ                                rod
     stretch of the load cell  s = ρ − L,   its force  S = c s + k ṡ
     far mass (rod's share on the crank's side of the strain gauge, at the column joint)  P = C1 + L u
 
-    J_M θ̈ = τ − F1 − T1 ∂x1/∂θ             x1 = θ/r − α − e1 sin N(θ − α),  T1 = mesh(x1),  F1 = LuGre on θ̇
-    J_1 α̈ = −T1 ∂x1/∂α − F2 − T2 ∂x2/∂α    x2 = α/r − ψ − e2 sin N(α − ψ),  T2 = mesh(x2),  F2 = LuGre on α̇
+    stage k between θ_k−1 (before) and θ_k (behind):
+        x = before/r − behind − e sin N,   T = mesh(x),   friction F on the shaft before (LuGre)
+        J before̋ = … − F − T ∂x/∂before,   J behind̋ = … − T ∂x/∂behind
     ψ, φ:  Lagrange's equations of crank, far mass, rod end and column with S, gravity and bearing
 
-It shares the parameters with the bench and nothing else: no MuJoCo, no law of ``cls_bench.plant``. The tests' records
-of motor and hand torque drive both.
+Without a linkage s = b (φ − ψ). The model shares the parameters with the bench and nothing else: no MuJoCo, no law of
+``cls_bench.plant``. The tests' records of motor and hand torque drive both.
 """
 
 import math
@@ -24,48 +26,45 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from cls_bench.compiled import compiled
-from cls_bench.parameters import GRAVITY, GearStage, Parameters
+from cls_bench.parameters import GRAVITY, Parameters
 
 Array = NDArray[np.float64]
 
-STATES = 11
-"""θ, α, ψ, φ, their speeds, and three bristle deflections."""
-
-
-class Mesh(NamedTuple):
-    """A gear stage."""
-
-    stiffness: float
-    damping: float
-    half: float  # half the backlash [rad]
-    error: float  # amplitude of the transmission error [rad]
-    teeth: float
-    drag: float
-    ripple: float
-
 
 class Constants(NamedTuple):
-    """Everything the equations need."""
+    """Everything the equations need; of the stages an entry each, of the shafts one more."""
 
-    ratio: float
-    motor_inertia: float
-    carrier_inertia: float
-    crank_inertia: float  # with the rod's share at the crank joint
-    column_inertia: float  # with the rod end
-    stage1: Mesh
-    stage2: Mesh
-    loss: float
-    back: float
+    inertias: Array  # of the shafts, the crank's with the rod's share at its joint
+    ratio: Array
+    stiffness: Array
+    damping: Array
+    half: Array  # half the backlash [rad]
+    error: Array  # amplitude of the transmission error [rad]
+    teeth: Array
+    with_output: Array  # 1 where the teeth's phase counts from the output, as in a planetary stage
+    drag: Array  # motor driving, and back-driven
+    drag_back: Array
+    loss: Array
+    loss_back: Array
+    ripple: Array
+    cogging: float  # amplitude [N·m]
+    cogging_periods: float  # in a revolution
     breakaway: float
     mesh_stribeck: float
     mesh_bristle: float
     mesh_bristle_damping: float
+    column_inertia: float  # with the rod end
     crank: float
-    rod: float
+    rod: float  # 0: none
     arm: float
+    crank_angle: float
+    arm_angle: float
+    axis_x: float  # of the crank, from the column's
+    axis_z: float
     far_mass: float
     crank_weight: float  # m g a [N·m]
-    column_weight: float  # Σ m g h [N·m]
+    end_weight: float  # m g b [N·m]
+    column_weight: float  # m g h [N·m]
     cell_stiffness: float
     cell_damping: float
     viscous: float
@@ -81,41 +80,60 @@ class Constants(NamedTuple):
 def constants(p: Parameters) -> Constants:
     """The equations' constants from the parameters of the bench."""
     box, link, column, cell = p.gearbox, p.linkage, p.column, p.load_cell
-    motor = p.motor.rotor_inertia + box.input_inertia
-    crank = link.crank_inertia + box.carrier2_inertia
+    stages = (box.stage1, box.stage2, box.stage3)[: box.stages]
+    linked = link.kind == "four_bar"
+    shafts = [p.motor.rotor_inertia + box.input_inertia] + [stage.inertia for stage in stages]
+    shafts[-1] += link.crank_inertia
+    damping = []
+    for before, behind, stage in zip(shafts, shafts[1:], stages, strict=False):
+        reduced = 1.0 / (1.0 / (before * stage.ratio**2) + 1.0 / behind)
+        damping.append(2.0 * stage.damping_ratio * math.sqrt(stage.stiffness * reduced))
+    end = link.rod_end_mass if linked else 0.0
+    if linked:
+        shafts[-1] += link.rod_crank_mass * link.crank**2
+    column_inertia = column.inertia + end * link.arm**2
+    carried = end + column.inertia / link.arm**2
+    rod = link.rod if linked else 0.0
+    reach_x = link.crank * math.sin(link.crank_angle) + rod * math.cos(link.rod_angle)
+    reach_z = link.crank * math.cos(link.crank_angle) - rod * math.sin(link.rod_angle)
 
-    def mesh(stage: GearStage, before: float, behind: float) -> Mesh:
-        reduced = 1.0 / (1.0 / (before * box.ratio**2) + 1.0 / behind)
-        damping = 2.0 * stage.damping_ratio * math.sqrt(stage.stiffness * reduced)
-        return Mesh(
-            stage.stiffness, damping, stage.backlash / 2.0, stage.transmission_error, float(stage.sun_teeth),
-            stage.drag, stage.ripple,
-        )  # fmt: skip
+    def each(values: list[float]) -> Array:
+        return np.array(values, dtype=np.float64)
 
-    on_cell = link.rod_end_mass + column.inertia / link.arm**2
-    column_inertia = column.inertia + link.rod_end_mass * link.arm**2
     return Constants(
-        ratio=box.ratio,
-        motor_inertia=motor,
-        carrier_inertia=box.carrier1_inertia,
-        crank_inertia=crank + link.rod_crank_mass * link.crank**2,
-        column_inertia=column_inertia,
-        stage1=mesh(box.stage1, motor, box.carrier1_inertia),
-        stage2=mesh(box.stage2, box.carrier1_inertia, crank),
-        loss=mesh_loss(p),
-        back=box.backdrive_loss_ratio,
+        inertias=each(shafts),
+        ratio=each([stage.ratio for stage in stages]),
+        stiffness=each([stage.stiffness for stage in stages]),
+        damping=each(damping),
+        half=each([stage.backlash / 2.0 for stage in stages]),
+        error=each([stage.transmission_error if stage.teeth else 0.0 for stage in stages]),
+        teeth=each([stage.teeth for stage in stages]),
+        with_output=each([stage.kind == "planetary" for stage in stages]),
+        drag=each([stage.drag for stage in stages]),
+        drag_back=each([stage.drag * stage.drag_ratio for stage in stages]),
+        loss=each([(1.0 - stage.efficiency) / stage.efficiency for stage in stages]),
+        loss_back=each([1.0 - stage.backdrive_efficiency for stage in stages]),
+        ripple=each([stage.ripple if stage.teeth else 0.0 for stage in stages]),
+        cogging=p.motor.cogging_amplitude,
+        cogging_periods=float(p.motor.cogging_periods),
         breakaway=box.breakaway_ratio,
         mesh_stribeck=box.stribeck_velocity,
         mesh_bristle=box.bristle_stiffness,
         mesh_bristle_damping=box.bristle_damping,
+        column_inertia=column_inertia,
         crank=link.crank,
-        rod=link.rod,
+        rod=rod,
         arm=link.arm,
-        far_mass=link.rod_column_mass - link.rod_end_mass,
-        crank_weight=link.rod_crank_mass * GRAVITY * link.crank,
-        column_weight=GRAVITY * (column.mass * column.mass_height + link.rod_end_mass * link.arm),
+        crank_angle=link.crank_angle,
+        arm_angle=link.arm_angle,
+        axis_x=link.arm * math.sin(link.arm_angle) - reach_x,
+        axis_z=link.arm * math.cos(link.arm_angle) - reach_z,
+        far_mass=link.rod_column_mass - link.rod_end_mass if linked else 0.0,
+        crank_weight=link.rod_crank_mass * GRAVITY * link.crank if linked else 0.0,
+        end_weight=GRAVITY * end * link.arm,
+        column_weight=GRAVITY * column.mass * column.mass_height,
         cell_stiffness=cell.stiffness,
-        cell_damping=2.0 * cell.damping_ratio * math.sqrt(cell.stiffness * on_cell),
+        cell_damping=2.0 * cell.damping_ratio * math.sqrt(cell.stiffness * carried),
         viscous=column.viscous_friction,
         coulomb=column.coulomb_friction,
         bearing_bristle=column.bristle_stiffness,
@@ -125,21 +143,6 @@ def constants(p: Parameters) -> Constants:
         stop_stiffness=column.stop_stiffness,
         stop_damping=column.stop_damping,
     )
-
-
-def mesh_loss(p: Parameters) -> float:
-    """The loss of each stage that gives the stated efficiency at rated torque, by bisection of the definition."""
-    box = p.gearbox
-    low, high = 0.0, 10.0
-    for _ in range(80):
-        loss, torque = 0.5 * (low + high), box.rated_torque
-        for stage in (box.stage1, box.stage2):
-            torque = (torque - stage.drag) / (1.0 + loss) * box.ratio
-        if torque > box.efficiency * box.rated_torque * box.ratio**2:
-            low = loss
-        else:
-            high = loss
-    return 0.5 * (low + high)
 
 
 @compiled
@@ -168,34 +171,60 @@ def _lugre(
 
 
 @compiled
-def _stage(c: Constants, m: Mesh, before: float, behind: float, v_before: float, v_behind: float, z: float) -> Any:
+def _stage(c: Constants, k: int, before: float, behind: float, v_before: float, v_behind: float, z: float) -> Any:
     """Torque of a mesh on the shaft before and on the shaft behind, friction on the shaft before, bristle rate."""
-    wave = math.sin(m.teeth * (before - behind))
-    slope = m.error * m.teeth * math.cos(m.teeth * (before - behind))
-    rate = v_before / c.ratio - v_behind - slope * (v_before - v_behind)
-    torque = _contact(before / c.ratio - behind - m.error * wave, rate, m.half, m.stiffness, m.damping)
-    loss = c.loss * (c.back if z * torque < 0.0 else 1.0)
-    level = (m.drag + loss * abs(torque) / c.ratio) * (1.0 + m.ripple * wave)
+    phase = c.teeth[k] * (before - c.with_output[k] * behind)
+    wave = math.sin(phase)
+    slope = c.error[k] * c.teeth[k] * math.cos(phase)
+    d_before, d_behind = 1.0 / c.ratio[k] - slope, c.with_output[k] * slope - 1.0
+    stretch = before / c.ratio[k] - behind - c.error[k] * wave
+    torque = _contact(stretch, d_before * v_before + d_behind * v_behind, c.half[k], c.stiffness[k], c.damping[k])
+    back = z * torque < 0.0
+    level = (c.drag_back[k] if back else c.drag[k]) + (c.loss_back[k] if back else c.loss[k]) * abs(torque) / c.ratio[k]
+    level *= 1.0 + c.ripple[k] * wave
     friction, z_rate = _lugre(
         z, v_before, level, level * c.breakaway, c.mesh_stribeck, c.mesh_bristle, c.mesh_bristle_damping
     )
-    return torque * (slope - 1.0 / c.ratio), torque * (1.0 - slope), friction, z_rate
+    return -torque * d_before, -torque * d_behind, friction, z_rate
 
 
 @compiled
 def derivative(c: Constants, y: Any, motor: float, hand: float, out: Any) -> None:
-    """Write the derivative of the state ``y`` under motor and hand torque [N·m] to ``out``."""
-    psi, phi, v_psi, v_phi = y[2], y[3], y[6], y[7]
-    on_motor, on_carrier, friction1, out[8] = _stage(c, c.stage1, y[0], y[1], y[4], y[5], y[8])
-    back_on_carrier, on_crank, friction2, out[9] = _stage(c, c.stage2, y[1], y[2], y[5], y[6], y[9])
-    bearing, out[10] = _lugre(
-        y[10], v_phi, c.coulomb, c.coulomb, c.bearing_stribeck, c.bearing_bristle, c.bearing_bristle_damping
+    """Write the derivative of the state ``y`` under motor and hand torque [N·m] to ``out``.
+
+    The state: angles of the shafts and the column, their speeds, bristles of the stages and of the bearing.
+    """
+    stages = c.ratio.shape[0]
+    n = stages + 2  # coordinates
+    for j in range(n):
+        out[j] = y[n + j]
+        out[n + j] = 0.0
+    out[n] += motor + c.cogging * math.sin(c.cogging_periods * y[0])
+    for k in range(stages):
+        on_before, on_behind, friction, out[2 * n + k] = _stage(
+            c, k, y[k], y[k + 1], y[n + k], y[n + k + 1], y[2 * n + k]
+        )
+        out[n + k] += on_before - friction
+        out[n + k + 1] += on_behind
+    psi, phi, v_psi, v_phi = y[stages] + c.crank_angle, y[stages + 1], y[n + stages], y[n + stages + 1]
+    bearing, out[2 * n + stages] = _lugre(
+        y[2 * n + stages], v_phi, c.coulomb, c.coulomb, c.bearing_stribeck, c.bearing_bristle, c.bearing_bristle_damping
     )
     stop = _contact(phi, v_phi, c.stop, c.stop_stiffness, c.stop_damping)
+    on_crank = out[n + stages]
+    on_column = hand - bearing - c.viscous * v_phi - stop + c.column_weight * math.sin(phi)
+    for j in range(stages):
+        out[n + j] /= c.inertias[j]
+    m11, m12, m22 = c.inertias[stages], 0.0, c.column_inertia
+    if c.rod == 0.0:
+        pull = c.arm * (c.cell_stiffness * c.arm * (phi - y[stages]) + c.cell_damping * c.arm * (v_phi - v_psi))
+        out[n + stages] = (on_crank + pull) / m11
+        out[n + stages + 1] = (on_column - pull) / m22
+        return
 
     a, b, length = c.crank, c.arm, c.rod
-    s1, c1, s2, c2 = math.sin(psi), math.cos(psi), math.sin(phi), math.cos(phi)
-    dx, dz = b * s2 - (a * s1 - length), b * c2 - (a * c1 + b - a)
+    s1, c1, s2, c2 = math.sin(psi), math.cos(psi), math.sin(phi + c.arm_angle), math.cos(phi + c.arm_angle)
+    dx, dz = b * s2 - (c.axis_x + a * s1), b * c2 - (c.axis_z + a * c1)
     rho = math.hypot(dx, dz)
     ux, uz = dx / rho, dz / rho
     nx, nz = -uz, ux
@@ -216,34 +245,31 @@ def derivative(c: Constants, y: Any, motor: float, hand: float, out: Any) -> Non
     bz = -a * c1 * v_psi * v_psi + length * (spin * nz - turn * turn * uz)
 
     m = c.far_mass
-    m11 = c.crank_inertia + m * (jx1 * jx1 + jz1 * jz1)
-    m12 = m * (jx1 * jx2 + jz1 * jz2)
-    m22 = c.column_inertia + m * (jx2 * jx2 + jz2 * jz2)
+    m11 += m * (jx1 * jx1 + jz1 * jz1)
+    m12 += m * (jx1 * jx2 + jz1 * jz2)
+    m22 += m * (jx2 * jx2 + jz2 * jz2)
     f1 = on_crank + pull * along1 + c.crank_weight * s1 - m * (jx1 * bx + jz1 * (bz + GRAVITY))
-    f2 = (
-        hand - bearing - c.viscous * v_phi - stop - pull * along2 + c.column_weight * s2
-        - m * (jx2 * bx + jz2 * (bz + GRAVITY))
-    )  # fmt: skip
+    f2 = on_column - pull * along2 + c.end_weight * s2 - m * (jx2 * bx + jz2 * (bz + GRAVITY))
     determinant = m11 * m22 - m12 * m12
-    out[0], out[1], out[2], out[3] = y[4], y[5], y[6], y[7]
-    out[4] = (motor - friction1 + on_motor) / c.motor_inertia
-    out[5] = (on_carrier - friction2 + back_on_carrier) / c.carrier_inertia
-    out[6] = (m22 * f1 - m12 * f2) / determinant
-    out[7] = (m11 * f2 - m12 * f1) / determinant
+    out[n + stages] = (m22 * f1 - m12 * f2) / determinant
+    out[n + stages + 1] = (m11 * f2 - m12 * f1) / determinant
 
 
 def follow(p: Parameters, time: Array, motor: Array, hand: Array, *, tolerance: float = 1e-8) -> Array:
-    """Angles (θ, α, ψ, φ) [rad] at ``time`` [s] from rest under records of motor and hand torque [N·m].
+    """Angles [rad] of the shafts from the motor on and of the column, (len(time), stages + 2), from rest under records
+    of motor and hand torque [N·m].
 
     Between the entries of a record it is interpolated linearly: semi-implicit Euler is the leapfrog scheme, in which a
     force taken at t acts from half a step before t to half a step after. Raises RuntimeError if the integration fails.
     """
     c = constants(p)
+    stages = len(c.ratio)
+    states = 2 * (stages + 2) + stages + 1
     step = float(time[1] - time[0])
     last = len(time) - 1
 
     def right(t: float, y: Array) -> Array:
-        out = np.empty(STATES)
+        out = np.empty(states)
         k = min(int(t / step), last - 1)
         share = t / step - k
         derivative(
@@ -253,9 +279,9 @@ def follow(p: Parameters, time: Array, motor: Array, hand: Array, *, tolerance: 
 
     # Small angles of the meshes decide on torques: the absolute tolerance is far below their elastic twist.
     solution = solve_ivp(
-        right, (float(time[0]), float(time[-1])), np.zeros(STATES), method="LSODA", t_eval=time, rtol=tolerance,
+        right, (float(time[0]), float(time[-1])), np.zeros(states), method="LSODA", t_eval=time, rtol=tolerance,
         atol=tolerance * 1e-2, max_step=step * 20,
     )  # fmt: skip
     if not solution.success:
         raise RuntimeError(f"the reduced model could not be integrated: {solution.message}")
-    return np.asarray(solution.y[:4].T, dtype=np.float64)
+    return np.asarray(solution.y[: stages + 2].T, dtype=np.float64)

@@ -2,75 +2,50 @@
 
 import math
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import mujoco
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from cls_bench.compiled import compiled, mj_step
 from cls_bench.parameters import Gearbox, GearStage, Parameters
-from cls_bench.plant import friction
-from cls_bench.plant.model import BEARING_STRIBECK
-from cls_bench.plant.state import Plant
 from cls_bench.verification.reading import Array, at
 from cls_bench.verification.row import Row
-from cls_bench.verification.subject import Specimen, Subject
+from cls_bench.verification.subject import Feedback, Specimen, Subject
 
 GROUP = "stiction"
-
-
-class _Law(NamedTuple):
-    """What the compiled loop needs to set a friction element."""
-
-    coulomb: float
-    breakaway_ratio: float
-    damping: float
-    stribeck: float
-
-
-@compiled
-def _run(
-    plant: Plant, applied: Any, law: _Law, torque: Any, spring: float, drive: float, step: float, out: Any
-) -> None:
-    for k in range(torque.shape[0]):
-        pull = spring * (drive * k * step - plant.qpos[0])
-        applied[0] = torque[k] + pull
-        friction.set_level(plant, 0, 0, plant.qvel[0], law.coulomb, law.breakaway_ratio, law.damping, law.stribeck)
-        out[k, 0], out[k, 1] = plant.qpos[0], plant.qvel[0]
-        mj_step(plant.model, plant.data)
 
 
 class _Element(NamedTuple):
     """A friction element on an otherwise free inertia."""
 
     name: str
+    joint: str
     specimen: Specimen
-    law: _Law
 
-    def run(self, torque: Array, *, spring: float = 0.0, drive: float = 0.0) -> Array:
+    def run(self, torque: Array, *, spring: float = 0.0, drive: float = 0.0) -> tuple[Array, Array]:
         """Angle [rad] and speed [rad/s] under ``torque`` [N·m] and a spring [N·m/rad] whose end moves at ``drive``."""
-        out = np.empty((len(torque), 2))
         s = self.specimen
-        _run(s.plant, s.applied, self.law, torque, spring, drive, s.step, out)
-        return out
+        time = np.arange(len(torque)) * s.step
+        record = s.run(
+            time, {self.joint: torque}, feedback={self.joint: Feedback(spring)}, target={self.joint: drive * time}
+        )
+        return record.angle[self.joint], record.velocity[self.joint]
 
 
 def _mesh(subject: Subject, p: Parameters) -> _Element:
-    """The meshing friction of stage 1 on the motor's rotor."""
-    specimen = subject.element(p, ("motor",), ("stage1_friction",))
-    box = specimen.parameters.gearbox
-    law = _Law(box.stage1.drag, box.breakaway_ratio, box.bristle_damping, box.stribeck_velocity)
-    return _Element("gear mesh", specimen, law)
+    """The meshing friction of stage 1 on the motor's rotor, its mesh with a play that is never taken up."""
+    stage = p.gearbox.stage1.model_copy(update={"backlash": 1e6, "ripple": 0.0})
+    box = p.gearbox.model_copy(update={"stage1": stage})
+    specimen = subject.element(p.model_copy(update={"gearbox": box}), ("motor",))
+    return _Element("gear mesh", "motor", specimen)
 
 
 def _bearing(subject: Subject) -> _Element:
-    """The column's bearing on the balanced column."""
+    """The column's bearing under the balanced column."""
     p = Parameters()
-    balanced = p.column.model_copy(update={"mass_height": 0.0, "viscous_friction": 0.0})
-    specimen = subject.element(p.model_copy(update={"column": balanced}), ("column",), ("column_bearing",))
-    law = _Law(specimen.parameters.column.coulomb_friction, 1.0, specimen.dampings.bearing, BEARING_STRIBECK)
-    return _Element("column bearing", specimen, law)
+    balanced = p.column.model_copy(update={"mass_height": 0.0, "viscous_friction": 0.0, "stop_angle": 1e6})
+    specimen = subject.element(p.model_copy(update={"column": balanced}), ("column",), ("rod", "weight"))
+    return _Element("column bearing", "column", specimen)
 
 
 def breakaway(subject: Subject) -> Iterator[Row]:
@@ -92,9 +67,9 @@ def breakaway(subject: Subject) -> Iterator[Row]:
 
 def _moves(element: _Element, torque: float) -> bool:
     """Whether ``torque`` [N·m], put on slowly and held, sets the element going: ten times as far as bristles bend."""
-    mujoco.mj_resetData(element.specimen.model, element.specimen.data)
+    element.specimen.reset()
     time = element.specimen.times(1.0)
-    return bool(abs(element.run(torque * np.minimum(time / 0.5, 1.0))[-1, 0]) > 1e-3)
+    return bool(abs(element.run(torque * np.minimum(time / 0.5, 1.0))[0][-1]) > 1e-3)
 
 
 def creep(subject: Subject) -> Iterator[Row]:
@@ -105,7 +80,7 @@ def creep(subject: Subject) -> Iterator[Row]:
         (0.9 * p.column.coulomb_friction, _bearing(subject)),
     ):
         time = element.specimen.times(3.0)
-        angle = element.run(torque * np.minimum(time / 0.2, 1.0))[:, 0]
+        angle, _ = element.run(torque * np.minimum(time / 0.2, 1.0))
         speed = angle[-1] - at(time, angle, 2.0)
         yield Row(GROUP, f"creep of the {element.name} at 90 % of breakaway", "rad/s", 0.0, "true stiction", speed,
                   1e-6, relative=False)  # fmt: skip
@@ -115,16 +90,13 @@ def stick_slip(subject: Subject) -> Iterator[Row]:
     """The rotor drawn over the meshing friction by a spring: period and length of a slip in the steady cycle."""
     static, coulomb, stribeck, spring, drive = 0.11, 0.055, 0.5, 0.5, 0.2
     stage = GearStage(stiffness=1000.0, drag=coulomb, ripple=0.0)
-    box = Gearbox(
-        breakaway_ratio=static / coulomb, stribeck_velocity=stribeck, efficiency=0.5, stage1=stage, stage2=stage
-    )
+    box = Gearbox(breakaway_ratio=static / coulomb, stribeck_velocity=stribeck, stage1=stage, stage2=stage)
     element = _mesh(subject, Parameters(gearbox=box))
     time = element.specimen.times(4.0)
-    out = element.run(np.zeros(len(time)), spring=spring, drive=drive)
-    slipping = out[:, 1] > 0.1
+    angle, speed = element.run(np.zeros(len(time)), spring=spring, drive=drive)
+    slipping = speed > 0.1
     starts = np.flatnonzero(slipping[1:] & ~slipping[:-1])[1:]
     ends = np.flatnonzero(~slipping[1:] & slipping[:-1])
-    angle = out[:, 0]
     period = float(np.mean(np.diff(time[starts]))) if len(starts) > 1 else math.nan
     length = float(np.mean(np.diff(angle[ends]))) if len(ends) > 1 else math.nan
     p = Parameters()
