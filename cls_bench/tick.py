@@ -166,9 +166,12 @@ def _plc_task(axis: Any, watched: Watched, a: int, tick: int) -> None:
         plc.supervise(p, axis.samples, mode == servo.POSITION, state.plc)
         if state.plc.trip != plc.NO_TRIP:
             _trip(state, tick, state.plc.trip)
-        s = state.plc
-        if not abs(s.set_angle + s.set_velocity + s.set_acceleration + s.set_torque) < np.inf:
+    s = state.plc
+    if not abs(s.torque + s.angle + s.set_angle + s.set_velocity + s.set_acceleration + s.set_torque) < np.inf:
+        if _is_on(state):
             _check_numbers(state, watched, a, tick)
+        else:  # a parameter that trips again at every switching on
+            validity.clear(watched.words[a], watched.state)
     if not _is_on(state) or (mode == servo.TORQUE and state.external == 0):
         plc.follow(state.plc, state.feel)
     plc.command(p, design, state.plc)
