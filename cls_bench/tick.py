@@ -3,7 +3,7 @@
 One tick, of every axis, in this order::
 
     plc cycle        PLC: self-check of its numbers
-    every tick       sample        encoder, current, load cell, potentiometer, limit switches
+    every tick       sample: encoder, current, load cell, potentiometer, limit switches
     velocity cycle   drive: speed filter
     bus cycle        field bus: position and velocity of the drive → PLC
     plc cycle        PLC: torque measurement, outer loop, safety, kinematic chain
@@ -11,9 +11,10 @@ One tick, of every axis, in this order::
     position cycle   drive: position controller
     velocity cycle   drive: velocity controller
     every tick       drive: current controller → voltage, through its latch
-    every tick       limits        what was asked for beyond one
-    every tick       trace         the state at the tick's time
-    plant step       forces of the present state, mj_step; once, or ``simulation.substeps`` times
+    every tick       limits: what was asked for beyond one
+    every tick       plant: forces of the present state
+    every tick       trace: the state at the tick's time
+    every tick       mj_step; forces and mj_step again for each further one of simulation.substeps
 
 The order is written here once, and every delay is a latch with its length in the parameters. :func:`advance` carries it
 out; ``docs/architecture.md`` repeats it, and a test compares.
@@ -165,9 +166,12 @@ def _plc_task(axis: Any, watched: Watched, a: int, tick: int) -> None:
         plc.supervise(p, axis.samples, mode == servo.POSITION, state.plc)
         if state.plc.trip != plc.NO_TRIP:
             _trip(state, tick, state.plc.trip)
-        s = state.plc
-        if not abs(s.set_angle + s.set_velocity + s.set_acceleration + s.set_torque) < np.inf:
+    s = state.plc
+    if not abs(s.torque + s.angle + s.set_angle + s.set_velocity + s.set_acceleration + s.set_torque) < np.inf:
+        if _is_on(state):
             _check_numbers(state, watched, a, tick)
+        else:  # a parameter that trips again at every switching on
+            validity.clear(watched.words[a], watched.state)
     if not _is_on(state) or (mode == servo.TORQUE and state.external == 0):
         plc.follow(state.plc, state.feel)
     plc.command(p, design, state.plc)

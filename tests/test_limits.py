@@ -13,12 +13,13 @@ from cls_bench import bench as bench_module
 from cls_bench import experiment
 from cls_bench.bench import Bench, Command, DivergedError
 from cls_bench.cli import main
+from cls_bench.axis import AXIS, NUMBERS
 from cls_bench.control import limits, plc, validity
-from cls_bench.parameters import Parameters, memory_of
+from cls_bench.drivers import scripted
+from cls_bench.parameters import CONTROL, Parameters, leaves
 from cls_bench.recording import Recording
 from cls_bench.scenario import ExpectedTrip, parse_scenario
 from cls_bench.signals import TOPIC
-from cls_bench.tick import STATE
 from tests.running import Run, run
 
 STEP = 'hand = [{at = 0.0, kind = "hold", angle_deg = 0.0}, {at = 0.02, kind = "step", to_deg = 12.0}]'
@@ -78,7 +79,7 @@ def test_a_saturated_load_cell_says_how_far_and_how_long():
     ("speed", "drive.speed_limit=20.0", "/drive.set_velocity", 20.0, 1.0),
     ("torque", "drive.torque_limit=0.2", "/drive.torque_command", 0.2, 1.0),
     ("current", "drive.peak_current=0.5", "/drive.current", 0.5, 1.0),
-    ("voltage", "drive.dc_bus_voltage=20.0", "/drive.voltage", 20.0 * math.sqrt(1.5) * 0.883, 1.0),
+    ("voltage", "drive.dc_bus_voltage=15.0", "/drive.voltage", 15.0 * math.sqrt(1.5) * 0.883, 1.0),
 ])  # fmt: skip
 def test_a_limit_of_the_drive_is_seen(limit, override, signal, value, scale):
     r = run(STEP, set=[override, "plc.following_error_limit=3.0"], duration=0.3)
@@ -110,15 +111,14 @@ def test_a_set_angle_beyond_the_software_limit_is_seen():
     assert warnings_of(r, "plc") == ["set angle held at the software limit: 34.38° asked for, 22.5° allowed"]
 
 
-def test_a_limit_reached_again_soon_is_one_event(monkeypatch):
+def test_a_limit_reached_again_soon_is_one_event():
     """Chatter would fill the log; how the run is cut into blocks does not matter."""
     text, options = STEP, {"set": ["drive.torque_limit=0.2", "plc.following_error_limit=3.0"], "duration": 0.5}
     whole = run(text, **options)
     shares = whole["/limits.torque"]
     assert (np.diff((shares > 0).astype(int)) == 1).sum() > 3
     assert len(warnings_of(whole, "drive")) <= 3
-    monkeypatch.setattr(bench_module, "BLOCK_TICKS", 400)
-    cut = run(text, **options)
+    cut = run(text, **options, block_ticks=400)
     assert cut.same_samples(whole)
     assert [(e.tick, e.level) for e in cut.events] == [(e.tick, e.level) for e in whole.events]
     assert cut.events[-1] == whole.events[-1]
@@ -129,9 +129,8 @@ def test_the_peak_current_is_no_limit_of_its_own_beside_the_torque_limit():
     assert reached(run(PUSHED, duration=0.3)) == {"load_cell", "torque", "travel"}
 
 
-def test_the_amount_of_a_limit_reached_at_a_blocks_last_tick_is_told(monkeypatch):
-    monkeypatch.setattr(bench_module, "BLOCK_TICKS", 8)
-    r = run(STEP, set=["drive.torque_limit=0.2", "plc.following_error_limit=3.0"], duration=0.3)
+def test_the_amount_of_a_limit_reached_at_a_blocks_last_tick_is_told():
+    r = run(STEP, set=["drive.torque_limit=0.2", "plc.following_error_limit=3.0"], duration=0.3, block_ticks=8)
     told = [message for message in warnings_of(r, "drive") if message.startswith("torque limit")]
     assert told and not any(message.startswith("torque limit: 0 N·m") for message in told)
 
@@ -196,38 +195,72 @@ def test_a_users_loop_that_commands_absurd_values_does_not_pass(tmp_path):
 
 
 def blocks(bench: Bench, text: str = HELD) -> Any:
-    return bench.run(scenario_of(text, 1.0))
+    return scripted.run(bench, scenario_of(text, 1.0))
 
 
-PARAMETERS = [name for name, _ in validity.names(memory_of(Parameters()).dtype)]
-STATES = [name for name, _ in validity.names(STATE)]
+PARAMETERS, STATES = NUMBERS[0].names, NUMBERS[1].names
+
+
+def spoil(bench: Bench, name: str, value: float, *, axis: int = 0) -> None:
+    """Put ``value`` into all places of a controller's number: a parameter, a sample, or what it remembers."""
+    record = bench.axes[axis].record
+    places = name.split(".")
+    if name in record.samples.dtype.names:
+        inner = record.samples
+    else:
+        inner = record.controller.parameters if name in PARAMETERS else record.controller.state
+    for place in places[:-1]:
+        inner = inner[place]
+    inner[places[-1]] = value
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])
-@pytest.mark.parametrize("name", ["feel.stiffness", "drive.torque_limit", "plc.following_error_limit", "limb.mass"])
+@pytest.mark.parametrize("name", PARAMETERS)
 def test_an_invalid_parameter_trips_within_a_cycle_and_is_named(name, value):
     bench = Bench(Parameters())
+    bench.block_ticks = 80
     run = blocks(bench)
     start = next(run).end_tick
-    section, key = name.split(".")
-    bench._record[section][key] = value
+    spoil(bench, name, value)
     block = next(run)
     assert [(t.tick, t.reason) for t in bench.trips] == [(start, "invalid_value")]
     assert block.events[-1].message == f"safe torque off: {name} is not a finite number"
-    assert all(np.isfinite(rows).all() for rows in block.signals.values())
     assert not block["/drive.voltage"][1:].any()
+    for later in (block, next(run)):
+        assert all(np.isfinite(rows).all() for rows in later.signals.values())
 
 
 def test_every_parameter_is_watched():
+    """Each number among the controller's parameters, by the name a user knows; none of the plant's."""
     bench = Bench(Parameters())
-    numbers = bench._watched.parameters
+    watched = bench._watched
+    words = watched.words[0]
     for k, name in enumerate(PARAMETERS):
-        kept = numbers.values[numbers.places[k]]
-        numbers.values[numbers.places[k]] = math.nan
-        assert validity.first_invalid(numbers) == k, name
-        numbers.values[numbers.places[k]] = kept
-    assert validity.first_invalid(numbers) == -1
-    assert {"feel.stiffness", "feel.aft_limit.angle", "drive.set_torque", "limb.mass"} <= set(PARAMETERS)
+        kept = words[watched.parameters[k]]
+        spoil(bench, name, math.nan)
+        assert validity.first_invalid(words, watched.parameters) == k, name
+        words[watched.parameters[k]] = kept
+    assert validity.first_invalid(words, watched.parameters) == -1
+    own = {key: value for key, value, _ in leaves(Parameters()) if key.partition(".")[0] in CONTROL}
+    assert set(PARAMETERS) == {key for key, value in own.items() if isinstance(value, float)}
+
+
+def test_all_that_the_controller_remembers_is_watched():
+    """Every word of its state and samples that is a number, and no word besides: the record is full of ones but there."""
+    memory = np.ones(1, AXIS).view(np.recarray)
+    words = memory.view(np.float64, np.ndarray)
+    words[:] = np.nan
+    for part in (memory[0].controller.state, memory[0].samples):
+        floats = [(part, name) for name in part.dtype.names]
+        while floats:
+            inner, name = floats.pop()
+            kind = inner.dtype[name]
+            if kind.names:
+                floats += [(inner[name], below) for below in kind.names]
+            elif kind.base == np.float64:
+                inner[name] = 1.0
+    assert validity.first_invalid(words, NUMBERS[1].words) == -1
+    assert np.isfinite(words).sum() == len(NUMBERS[1].words)
 
 
 @pytest.mark.parametrize("name", sorted(set(STATES)))
@@ -235,10 +268,7 @@ def test_an_invalid_number_in_the_controllers_memory_trips(name):
     bench = Bench(Parameters())
     run = blocks(bench)
     start = next(run).end_tick
-    names = [n for n, _ in validity.names(STATE)]
-    numbers = bench._numbers
-    for k in (k for k, other in enumerate(names) if other == name):  # all places of a latch
-        numbers.values[numbers.places[k]] = math.nan
+    spoil(bench, name, math.nan)
     block = next(run)
     assert [(t.tick, t.reason) for t in bench.trips] == [(start, "invalid_value")]
     assert block.events[-1].message == f"safe torque off: {name} is not a finite number"
@@ -262,18 +292,31 @@ def test_what_becomes_invalid_within_a_cycle_trips_in_it():
 # --- MuJoCo ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("what", ["qpos", "qvel", "ctrl"])
+@pytest.mark.parametrize("what", ["qpos", "qvel", "grip_rest"])
 def test_any_warning_of_mujoco_makes_the_run_diverged(what):
     """MuJoCo warns once of a kind and goes on with other numbers; the run must not."""
     bench = Bench(Parameters())
     run = blocks(bench)
     next(run)
-    getattr(bench.data, what)[:] = 1e30 if what != "ctrl" else math.nan
-    if what == "ctrl":  # written anew each tick: a state MuJoCo meets through the activation
-        bench.data.act[:] = math.nan
+    if what in ("qpos", "qvel"):
+        getattr(bench.data, what)[:] = 1e30
+    else:  # what MuJoCo meets through a force
+        bench.axes[0].record.truth.body.grip_rest = math.nan
     with pytest.raises(DivergedError) as raised:
         next(run), next(run)
     assert "MuJoCo warned" in raised.value.cause or "velocity of joint" in raised.value.cause
+
+
+def test_a_current_that_is_none_is_not_passed_over():
+    """The drive measures it, trips, and its power stage lets no current flow."""
+    bench = Bench(Parameters())
+    run = blocks(bench)
+    start = next(run).end_tick
+    bench.axes[0].record.truth.body.current = math.nan
+    block = next(run)
+    assert [(t.tick, t.reason) for t in bench.trips] == [(start, "invalid_value")]
+    assert block.events[-1].message == "safe torque off: servo.thermal_load is not a finite number"
+    assert not block["/drive.current"].any()
 
 
 def test_a_warning_alone_is_enough(monkeypatch):

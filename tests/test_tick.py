@@ -1,6 +1,12 @@
 """The multi-rate loop: what it records when, and that it stops where a state leaves all bounds."""
 
+import json
 import math
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,7 +14,6 @@ import pytest
 from cls_bench import tick
 from cls_bench.bench import Bench
 from cls_bench.parameters import Parameters
-from cls_bench.plant.state import JOINTS
 from cls_bench.signals import TICK_S, TOPICS
 from tests.running import run
 
@@ -38,8 +43,8 @@ def test_rows_show_the_state_at_their_own_time(sway):
 
 
 def test_forces_belong_to_the_state_of_their_row(sway):
-    """Air-gap torque is K times the current, which MuJoCo takes at the end of the step: up to 50 µs of ripple apart."""
-    np.testing.assert_allclose(sway["/drive.torque"], 0.2944 * sway["/drive.current"], atol=0.01)
+    """Air-gap torque is K times the current of the same row: the current acts when it flows."""
+    np.testing.assert_array_equal(sway["/drive.torque"], 0.2944 * sway["/drive.current"])
     assert np.ptp(sway["/drive.torque"]) > 0.1
     np.testing.assert_allclose(sway["/column.torque"][::4], 0.3 * sway["/pilot.hand_force"], rtol=1e-12, atol=1e-15)
 
@@ -82,7 +87,71 @@ def test_substeps_refine_the_same_motion(sway):
 def test_a_lost_joint_is_found(value):
     bench = Bench(Parameters())
     assert tick.first_unbounded(bench.plant) == -1
-    for joint in range(len(JOINTS)):
+    assert bench.model.nv == 5
+    for joint in range(bench.model.nv):
         bench.plant.qvel[:] = 0.0
         bench.plant.qvel[joint] = value
         assert tick.first_unbounded(bench.plant) == joint
+
+
+# --- the one order -----------------------------------------------------------------------------------------------------
+
+WORK = {
+    "PLC: self-check of its numbers": ("tick._check_numbers",),
+    "sample: encoder, current, load cell, potentiometer, limit switches": ("plant.rod.strain", "plant.sensors.sample"),
+    "drive: speed filter": ("control.servo.speed_filter",),
+    "field bus: position and velocity of the drive → PLC": ("control.latch.write feedback",),
+    "PLC: torque measurement, outer loop, safety, kinematic chain": (
+        "control.plc.measure", "control.plc.admittance", "control.plc.supervise", "control.plc.command",
+    ),
+    "field bus: newest command of the PLC → drive": ("control.plc.send", "control.latch.write commands"),
+    "drive: position controller": ("control.servo.position_controller",),
+    "drive: velocity controller": ("control.servo.velocity_controller",),
+    "drive: current controller → voltage, through its latch": (
+        "control.servo.current_controller", "control.latch.write voltages",
+    ),
+    "limits: what was asked for beyond one": ("tick._note_limits",),
+    "plant: forces of the present state": ("plant.limb.set_grip", "plant.mechanism.act"),
+    "trace: the state at the tick's time": ("tick._trace_tick",),
+    "mj_step; forces and mj_step again for each further one of simulation.substeps": ("mj_step",),
+}  # fmt: skip
+"""What each line of the order calls."""
+
+CYCLES = {"every tick": 1, "velocity cycle": 2, "bus cycle": 3, "position cycle": 4, "plc cycle": 6}
+"""Ticks of the cycles in :mod:`tests.traced_tick`."""
+
+
+def written_order(text):
+    """The lines of the order: cycle and what is done in it."""
+    lines = [line.strip() for line in text.splitlines()]
+    first = next(k for k, line in enumerate(lines) if line.startswith("plc cycle"))
+    last = next(k for k, line in enumerate(lines) if k > first and not line.startswith(tuple(CYCLES)))
+    cut = [re.fullmatch(r"(\S+ \S+) {2,}(.*)", line) for line in lines[first:last]]
+    return [found.groups() for found in cut]
+
+
+ORDER = written_order(tick.__doc__)
+
+
+def test_the_page_has_the_order_of_the_code():
+    page = (Path(__file__).parents[1] / "docs" / "architecture.md").read_text(encoding="utf-8")
+    assert written_order(page) == ORDER
+    assert [work for _, work in ORDER] == list(WORK)
+
+
+@pytest.mark.parametrize("substeps", [1, 3])
+def test_the_code_keeps_the_written_order(substeps):
+    """As plain Python the loop is watched: what each tick calls, in which order, and in which cycles."""
+    done = subprocess.run(
+        [sys.executable, "-m", "tests.traced_tick", "24", str(substeps)], capture_output=True, text=True, check=True,
+        env={**os.environ, "NUMBA_DISABLE_JIT": "1"}, cwd=Path(__file__).parents[1],
+    )  # fmt: skip
+    ticks = json.loads(done.stdout)
+    assert len(ticks) == 24
+    known = {call for calls in WORK.values() for call in calls}
+    again = ["plant.rod.strain", "plant.limb.set_grip", "plant.mechanism.act", "mj_step"]
+    for number, called in enumerate(ticks):
+        seen = [call for call in called if call in known]
+        expected = [call for cycle, work in ORDER if number % CYCLES[cycle] == 0 for call in WORK[work]]
+        once = [call for k, call in enumerate(seen) if k == 0 or call != seen[k - 1]]
+        assert once == expected + again * (substeps - 1), f"tick {number}"

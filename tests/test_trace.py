@@ -15,61 +15,77 @@ import pytest
 from cls_bench import bench as bench_module
 from cls_bench.bench import Bench
 from cls_bench.control.limits import LIMITS
+from cls_bench.drivers import scripted
+from cls_bench.parameters import GearStage, Parameters
 from cls_bench.scenario import parse_scenario
-from cls_bench.signals import TOPIC, TOPICS
-from cls_bench.trace import Trace, buffers, tables
+from cls_bench.signals import CLOCK, MOST_STAGES, TOPIC, TOPICS, topics
+from cls_bench.trace import Buffers, Trace, tables
+from tests.running import advanced
 
 CYCLE = 8
 IDEAL = ["encoder.noise=0.0", "load_cell.noise=0.0", "gearbox.stage1.transmission_error=0.0",
          "gearbox.stage2.transmission_error=0.0", "load_cell.filter_bandwidth=100000.0"]  # fmt: skip
+RIGS = {
+    "two stages": [],
+    # Of the same ratio, so that drive and PLC are none the wiser.
+    "three stages": [
+        "gearbox.stages=3", "gearbox.stage2.ratio=2.5", 'gearbox.stage2.kind="spur"', "gearbox.stage3.ratio=2.0",
+        "gearbox.stage3.backlash=5e-4", "gearbox.stage3.drag=0.2", "gearbox.stage3.efficiency=0.9",
+        "gearbox.stage3.inertia=2e-4", 'gearbox.stage3.kind="worm"', "gearbox.stage3.teeth=2",
+    ],
+}  # fmt: skip
 SWAY = """
 title = "all in motion"
 duration = 0.4
 hand = [{at = 0.0, kind = "sine", amplitude_deg = 12.0, frequency = 4.0, fade = 0.1}]
 squeeze = [{at = 0.0, value = 0.3, over = 0.0}]
 """
-SIGNALS = [f"{topic.path}.{name}" for topic in TOPICS for name in topic.names if topic.path != "/limits"]
-RATIO, HEIGHT, ARM = 5.0, 0.300, 0.175
+CRANK, ROD, HEIGHT, ARM = 0.100, 0.209, 0.300, 0.175
+
+
+def signals_of(rig: str) -> list[str]:
+    found = topics(CLOCK, 3 if rig == "three stages" else 2)
+    return [f"{topic.path}.{name}" for topic in found for name in topic.names if topic.path != "/limits"]
+
+
+EVERY = [(rig, signal) for rig in RIGS for signal in signals_of(rig)]
 
 
 class Recorded:
     """All rows by signal, and what the bench held before each cycle and after each."""
 
-    def __init__(self) -> None:
+    def __init__(self, stages: tuple[GearStage, ...]) -> None:
+        self.stages = stages
         self.signals: dict[str, Any] = {}
         self.before: dict[str, Any] = {}
         self.after: dict[str, Any] = {}
 
 
 def state_of(bench: Bench) -> dict[str, float]:
-    """What MuJoCo and the controllers hold, by their own names."""
-    data, servo, feel = bench.data, bench._state.servo, bench._state.feel
-    joints = ("motor", "carrier1", "crank", "load_cell", "column", "limb")
+    """What MuJoCo, the plant's laws and the controllers remember, by their own names."""
+    data, body, control = bench.data, bench.axes[0].record.truth.body, bench.axes[0].record.controller.state
+    joints = [bench.model.joint(k).name for k in range(bench.model.njnt)]
     found = {name: float(data.joint(name).qpos[0]) for name in joints}
     found |= {f"{name}_rate": float(data.joint(name).qvel[0]) for name in joints}
-    found |= {name: float(data.actuator(name).force[0]) for name in ("stage1_friction", "stage2_friction")}
-    found["current"] = float(data.act[1])
-    found["voltage"] = float(servo.voltage)
-    found |= {f"feel_{name}": float(getattr(feel, name)) for name in ("angle", "velocity", "torque")}
+    found |= {f"bristle{k}": float(body.bristle[k]) for k in range(MOST_STAGES)}
+    found["current"], found["voltage"] = float(body.current), float(control.servo.voltage)
+    found |= {f"feel_{name}": float(control.feel[name]) for name in ("angle", "velocity", "torque")}
     return found
 
 
 @cache
-def recorded() -> Recorded:
-    scenario = parse_scenario(SWAY, set=IDEAL)
-    bench = Bench(scenario.parameters_at_start())
-    found, rows, before, after = Recorded(), {}, [], []
-    whole, bench_module.BLOCK_TICKS = bench_module.BLOCK_TICKS, CYCLE
-    try:
-        run = bench.run(scenario)
-        last = state_of(bench)
-        for block in run:
-            before.append(last)
-            after.append(last := state_of(bench))
-            for signal in SIGNALS:
-                rows.setdefault(signal, []).append(block[signal])
-    finally:
-        bench_module.BLOCK_TICKS = whole
+def recorded(rig: str) -> Recorded:
+    scenario = parse_scenario(SWAY, set=[*IDEAL, *RIGS[rig]])
+    parameters = scenario.parameters_at_start()
+    bench = Bench(parameters)
+    bench.block_ticks = CYCLE
+    found, rows, before, after = Recorded(parameters.gearbox.in_use), {}, [], []
+    last = state_of(bench)
+    for block in scripted.run(bench, scenario):
+        before.append(last)
+        after.append(last := state_of(bench))
+        for signal in signals_of(rig):
+            rows.setdefault(signal, []).append(block[signal])
     found.signals = {signal: np.concatenate(parts) for signal, parts in rows.items()}
     found.before = {key: np.array([s[key] for s in before]) for key in before[0]}
     found.after = {key: np.array([s[key] for s in after]) for key in after[0]}
@@ -78,6 +94,48 @@ def recorded() -> Recorded:
 
 def dead_zone(x: Any, half: float) -> Any:
     return np.sign(x) * np.maximum(np.abs(x) - half, 0.0)
+
+
+def rod_force(was: dict[str, Any]) -> Any:
+    """Of the load cell, as stiff as it is damped, from where the rod's ends are and how fast they part."""
+    damping = 2.0 * 0.02 * math.sqrt(3.0e6 * (0.15 + 3.51e-2 / ARM**2))
+    crank, column = was["crank"], was["column"]
+    x = ARM * np.sin(column) + ROD - CRANK * np.sin(crank)
+    z = ARM * np.cos(column) - ARM + CRANK - CRANK * np.cos(crank)
+    x_rate = ARM * np.cos(column) * was["column_rate"] - CRANK * np.cos(crank) * was["crank_rate"]
+    z_rate = -ARM * np.sin(column) * was["column_rate"] + CRANK * np.sin(crank) * was["crank_rate"]
+    length = np.hypot(x, z)
+    return 3.0e6 * (length - ROD) + damping * (x * x_rate + z * z_rate) / length
+
+
+def friction(stage: GearStage, bristle: Any, turned: Any, output: Any, velocity: Any, torque: Any) -> Any:
+    """LuGre at the stage's input shaft (Canudas de Wit 1995), its level after the load as LossyGear has it."""
+    driven = bristle * torque >= 0.0
+    drag = np.where(driven, stage.drag, stage.drag * stage.drag_ratio)
+    loss = np.where(driven, 1.0 / stage.efficiency - 1.0, 1.0 - stage.backdrive_efficiency)
+    phase = stage.teeth * (turned - output if stage.kind == "planetary" else turned)
+    level = (drag + loss * np.abs(torque) / stage.ratio) * (1.0 + stage.ripple * np.sin(phase))
+    z = np.clip(bristle, -level * 1.1 / 800.0, level * 1.1 / 800.0)
+    fade = np.exp(-(velocity**2))
+    rate = velocity - 800.0 * np.abs(velocity) / (level * (1.0 + 0.1 * fade)) * z
+    damping = np.minimum(0.15 * fade, level / np.maximum(np.abs(velocity), 1e-12))
+    return 800.0 * z + damping * rate
+
+
+def gear_laws(r: Recorded, first: Any) -> dict[str, tuple[Any, Any, float]]:
+    was, found = r.before, {}
+    shafts = ["motor", *(f"carrier{k}" for k in range(1, len(r.stages))), "crank"]
+    for k, stage in enumerate(r.stages):
+        name, before, behind = f"/gearbox.stage{k + 1}", shafts[k], shafts[k + 1]
+        twist = was[before] / stage.ratio - was[behind]
+        rate = was[f"{before}_rate"] / stage.ratio - was[f"{behind}_rate"]
+        torque = first(f"{name}_torque")
+        spring = stage.stiffness * dead_zone(twist, 0.5 * stage.backlash)
+        rubbed = friction(stage, was[f"bristle{k}"], was[before], was[behind], was[f"{before}_rate"], torque)
+        found[f"{name}_twist"] = first(f"{name}_twist"), twist, 1e-15
+        found[f"{name}_torque"] = torque, spring, 0.03 + 0.5 * np.abs(rate)
+        found[f"{name}_friction"] = first(f"{name}_friction"), rubbed, 1e-9
+    return found
 
 
 def expected(r: Recorded, signals: dict[str, Any]) -> dict[str, tuple[Any, Any, float]]:
@@ -89,15 +147,7 @@ def expected(r: Recorded, signals: dict[str, Any]) -> dict[str, tuple[Any, Any, 
         """The rows at the start of each cycle."""
         return signals[signal].reshape(count, -1)[:, 0]
 
-    def last(signal: str) -> Any:
-        """The rows of the last tick of each cycle: MuJoCo still holds the forces of that tick."""
-        return signals[signal].reshape(count, -1)[:, -1]
-
-    minute = math.pi / 180.0 / 60.0
-    twist1, rate1 = was["motor"] / RATIO - was["carrier1"], was["motor_rate"] / RATIO - was["carrier1_rate"]
-    twist2, rate2 = was["carrier1"] / RATIO - was["crank"], was["carrier1_rate"] / RATIO - was["crank_rate"]
-    cell_damping = 2.0 * 0.02 * math.sqrt(3.0e6 * (0.15 + 3.51e-2 / ARM**2))
-    force = 3.0e6 * was["load_cell"] + cell_damping * was["load_cell_rate"]
+    force = rod_force(was)
     grip = HEIGHT**2 * 800.0 * (2.0e6 / 800.0) ** 0.3, HEIGHT**2 * 10.0 * 15.0**0.3
     hand = grip[0] * (was["limb"] - was["column"]) + grip[1] * (was["limb_rate"] - was["column_rate"])
     set_position, position = signals["/drive.set_position"][::2], signals["/drive.position"][::2]
@@ -108,7 +158,7 @@ def expected(r: Recorded, signals: dict[str, Any]) -> dict[str, tuple[Any, Any, 
     interpolated = np.repeat(output, 2)
     interpolated[2::2] = 0.5 * (output[:-1] + output[1:])
     angle = np.append([0.0, 0.0], signals["/feel.angle"])[:count]  # a bus cycle, then the drive's own
-    found = {
+    return {
         "/pilot.hand_force": (first("/pilot.hand_force"), hand / HEIGHT, 1e-9),
         "/pilot.squeeze": (signals["/pilot.squeeze"], np.full(2 * count, 0.3), 1e-12),
         "/pilot.limb_angle": (first("/pilot.limb_angle"), was["limb"], 0.0),
@@ -122,51 +172,42 @@ def expected(r: Recorded, signals: dict[str, Any]) -> dict[str, tuple[Any, Any, 
         "/drive.torque_command": (np.diff(integral), k_p / 0.02 * e[1:] * 2e-4, 1e-9),
         "/drive.current": (first("/drive.current"), was["current"], 0.0),
         "/drive.voltage": (first("/drive.voltage"), was["voltage"], 0.0),
-        "/drive.torque": (signals["/drive.torque"], 0.2944 * signals["/drive.current"], 0.01),
-        "/gearbox.stage1_twist": (first("/gearbox.stage1_twist"), twist1, 1e-15),
-        "/gearbox.stage1_torque": (
-            first("/gearbox.stage1_torque"), 1.2 / minute * dead_zone(twist1, 2.5 * minute), 0.03 + 0.05 * np.abs(rate1)
-        ),
-        "/gearbox.stage1_friction": (last("/gearbox.stage1_friction"), -became["stage1_friction"], 0.0),
-        "/gearbox.stage2_twist": (first("/gearbox.stage2_twist"), twist2, 1e-15),
-        "/gearbox.stage2_torque": (
-            first("/gearbox.stage2_torque"), 6.0 / minute * dead_zone(twist2, 1.5 * minute), 0.03 + 0.5 * np.abs(rate2)
-        ),
-        "/gearbox.stage2_friction": (last("/gearbox.stage2_friction"), -became["stage2_friction"], 0.0),
+        "/drive.torque": (first("/drive.torque"), 0.2944 * was["current"], 0.0),
+        **gear_laws(r, first),
         "/load_cell.force": (first("/load_cell.force"), force, 1e-6),
         "/load_cell.torque": (first("/load_cell.torque"), ARM * force, 2.0),
         "/load_cell.counts": (first("/load_cell.counts"), force * 2**23 / (50.0 * 9.80665), 1.0),
         "/feel.torque": (signals["/feel.torque"], became["feel_torque"], 0.0),
         "/feel.angle": (signals["/feel.angle"], became["feel_angle"], 0.0),
         "/feel.velocity": (signals["/feel.velocity"], became["feel_velocity"], 0.0),
-    }  # fmt: skip
-    return found
+    }
 
 
-def wrong(signals: dict[str, Any]) -> set[str]:
+def wrong(rig: str, signals: dict[str, Any]) -> set[str]:
     """Names of the signals that are not what they should be."""
     found = set()
-    for name, (rows, right, tolerance) in expected(recorded(), signals).items():
+    for name, (rows, right, tolerance) in expected(recorded(rig), signals).items():
         settled = slice(4, None)  # the first cycles fill the latches
         if not (np.abs(rows - right) <= tolerance)[settled].all():
             found.add(name)
     return found
 
 
-def test_every_signal_has_its_law() -> None:
-    assert list(expected(recorded(), recorded().signals)) == SIGNALS
-    assert wrong(recorded().signals) == set()
+@pytest.mark.parametrize("rig", RIGS)
+def test_every_signal_has_its_law(rig: str) -> None:
+    assert list(expected(recorded(rig), recorded(rig).signals)) == signals_of(rig)
+    assert wrong(rig, recorded(rig).signals) == set()
 
 
-@pytest.mark.parametrize("signal", SIGNALS)
-def test_a_spoilt_signal_is_found(signal: str) -> None:
+@pytest.mark.parametrize(("rig", "signal"), EVERY)
+def test_a_spoilt_signal_is_found(rig: str, signal: str) -> None:
     """The proof that the test above sees every column: each is spoilt in turn, and must be noticed by its own law."""
     path, _, name = signal.rpartition(".")
-    names = TOPIC[path].names
+    names = [other.rpartition(".")[2] for other in signals_of(rig) if other.startswith(f"{path}.")]
     beside = f"{path}.{names[(names.index(name) + 1) % len(names)]}"
-    rows = recorded().signals
+    rows = recorded(rig).signals
     for spoilt in (np.zeros_like(rows[signal]), -rows[signal], rows[beside], np.full_like(rows[signal], np.nan)):
-        assert signal in wrong({**rows, signal: spoilt})
+        assert signal in wrong(rig, {**rows, signal: spoilt})
 
 
 def test_fields_follow_from_the_table() -> None:
@@ -175,13 +216,46 @@ def test_fields_follow_from_the_table() -> None:
 
 
 def test_a_row_is_nan_until_it_is_written() -> None:
-    trace = buffers(8, 16, 3)
-    trace.drive[2].voltage = 5.0
-    found = tables(trace, 8, 16)
+    trace = Buffers(CLOCK, 1, 3, 8, 16).part(8, 16)
+    trace.drive["voltage"][2, 0] = 5.0
+    found = tables(trace, [topics()], 8, 16)
+    assert list(found) == [topic.path for topic in topics()]
     assert found["/drive"].shape == (4, 8)
     assert found["/drive"][2, TOPIC["/drive"].names.index("voltage")] == 5.0
     assert sum(np.isfinite(table).sum() for table in found.values()) == 1
     assert np.isnan(trace.poses).all()
+
+
+def test_a_part_of_the_room_is_the_rows_of_its_ticks() -> None:
+    """Room is made for a long block and cut into short ones: what one writes no other sees, and nothing is left out."""
+    room, fields = Buffers(CLOCK, 2, 1, 16, 400), Trace._fields
+    for number, first in enumerate(range(16, 416, 8)):
+        part = room.part(first, 8)
+        for field in fields[:-1]:
+            assert np.isnan(getattr(part, field).view(np.float64)).all()
+            getattr(part, field).view(np.float64)[:] = number
+    whole = room.part(16, 400)
+    for field, topic in zip(fields[:-1], topics(CLOCK, MOST_STAGES), strict=True):
+        written = getattr(whole, field)[topic.names[0]]
+        assert written.shape == (400 // topic.ticks, 2)
+        np.testing.assert_array_equal(written[:, 1], np.arange(400 // topic.ticks) * topic.ticks // 8)
+    assert whole.poses.shape == (2, 1, 7)  # at ticks 200 and 400
+
+
+@pytest.mark.parametrize("stages", range(MOST_STAGES + 1))
+def test_what_a_rig_has_not_is_not_handed_on(stages: int) -> None:
+    """Nothing in the tables but signals of the stages there are, and all of those are written."""
+    p = Parameters()
+    p.gearbox.stages = stages
+    bench = Bench(p.with_nameplate())
+    for block in advanced(bench, 0.01):
+        assert list(block.signals) == [topic.path for topic in topics(CLOCK, stages)]
+        assert ("/gearbox" in block.signals) == (stages > 0)
+        for topic, rows in block:
+            assert rows.shape[1] == len(topic.signals)
+            assert np.isfinite(rows).all()
+    if stages:
+        assert block.signals["/gearbox"].shape[1] == 3 * stages
 
 
 def test_a_signal_that_nothing_writes_ends_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -196,4 +270,4 @@ def test_a_signal_that_nothing_writes_ends_the_run(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(bench_module, "tables", forgetful)
     scenario = parse_scenario(SWAY)
     with pytest.raises(bench_module.DivergedError, match=r"recorded signal /feel\.angle is not finite"):
-        list(Bench(scenario.parameters_at_start()).run(scenario))
+        list(scripted.run(Bench(scenario.parameters_at_start()), scenario))
