@@ -16,6 +16,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+SHORTEST_TICK, LONGEST_TICK = 10e-6, 200e-6
+"""Of the current controller's cycle, which is the tick [s]."""
+
+LONGEST_CYCLE = 0.01
+"""Of any other [s]."""
+
+MOST_TICKS = 64
+"""Ticks in the longest cycle."""
+
 
 class Clock(NamedTuple):
     """How long a tick is, and how many ticks the cycles of drive, field bus and PLC last."""
@@ -60,6 +69,19 @@ class Clock(NamedTuple):
         """Ticks between two recorded sets of body poses: whole PLC cycles, about 100 Hz, for the eye only."""
         return self.plc_ticks * max(1, round(10_000_000 / (self.plc_ticks * self.tick_ns)))
 
+    def check(self) -> None:
+        """Raise ValueError unless a bench can have these rates: those that ``parameters.rates`` allows."""
+        if not SHORTEST_TICK <= self.time(1) <= LONGEST_TICK:
+            valid = f"{1e6 * SHORTEST_TICK:g} to {1e6 * LONGEST_TICK:g} µs"
+            raise ValueError(f"tick_ns = {self.tick_ns} is not {valid}")
+        for name, of in _CYCLES:
+            ticks, base = getattr(self, name), getattr(self, of) if of else 1
+            if not 1 <= ticks <= MOST_TICKS or not SHORTEST_TICK <= self.time(ticks) <= LONGEST_CYCLE:
+                most = min(MOST_TICKS, int(1e9 * LONGEST_CYCLE) // self.tick_ns)
+                raise ValueError(f"{name} = {ticks} is not 1 to {most}")
+            if ticks % base:
+                raise ValueError(f"{name} = {ticks} is no multiple of {of} = {base}")
+
     def time(self, tick: int) -> float:
         """Time of a tick since the start of the run [s]."""
         return tick * self.tick_ns / 1e9
@@ -68,6 +90,11 @@ class Clock(NamedTuple):
         """Number of the tick that is nearest to ``time`` [s]."""
         return round(time * 1e9 / self.tick_ns)
 
+
+_CYCLES = (
+    ("velocity_ticks", ""), ("position_ticks", "velocity_ticks"), ("bus_ticks", ""), ("plc_ticks", "bus_ticks")
+)  # fmt: skip
+"""Each cycle, and what it is a multiple of."""
 
 CLOCK = Clock()
 """The thesis's rates: 20 kHz, 5 kHz, 2.5 kHz."""

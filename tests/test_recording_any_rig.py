@@ -304,19 +304,19 @@ GOOD = clock_text(FAST)
     [
         ("", '"" is none'),
         ("tick_ns=50000", "is none"),
-        (GOOD.replace("62500", "0"), "current_cycle: .* greater than or equal to 0.00001"),
-        (GOOD.replace("62500", "1"), "current_cycle"),
-        (GOOD.replace("62500", "999999999"), "current_cycle: .* less than or equal to 0.0002"),
+        (GOOD.replace("62500", "0"), "tick_ns = 0 is not 10 to 200 µs"),
+        (GOOD.replace("62500", "9999"), "tick_ns = 9999 is not 10 to 200 µs"),
+        (GOOD.replace("62500", "999999999"), "tick_ns = 999999999 is not 10 to 200 µs"),
         (GOOD.replace("62500", "9" * 400), "is none"),
         (GOOD.replace("62500", "-62500"), "is none"),
         (GOOD.replace("62500", "6.25e4"), "is none"),
         (GOOD.replace("62500", "062500"), "is none"),
         (GOOD.replace("62500", "٦٢٥٠٠"), "is none"),
-        (GOOD.replace("plc_ticks=16", "plc_ticks=0"), "plc_cycle"),
-        (GOOD.replace("plc_ticks=16", "plc_ticks=24"), "plc_cycle must be a multiple of bus_cycle"),
-        (GOOD.replace("plc_ticks=16", "plc_ticks=128"), "plc_cycle must be at most 64 cycles|plc_cycle"),
-        (GOOD.replace("plc_ticks=16", "plc_ticks=400000000"), "plc_cycle: .* less than or equal to 0.01"),
-        (GOOD.replace("position_ticks=4", "position_ticks=3"), "position_cycle must be a multiple of velocity_cycle"),
+        (GOOD.replace("plc_ticks=16", "plc_ticks=0"), "plc_ticks = 0 is not 1 to 64"),
+        (GOOD.replace("plc_ticks=16", "plc_ticks=24"), "plc_ticks = 24 is no multiple of bus_ticks = 16"),
+        (GOOD.replace("plc_ticks=16", "plc_ticks=128"), "plc_ticks = 128 is not 1 to 64"),
+        (GOOD.replace("62500", "200000").replace("plc_ticks=16", "plc_ticks=64"), "plc_ticks = 64 is not 1 to 50"),
+        (GOOD.replace("position_ticks=4", "position_ticks=3"), "position_ticks = 3 is no multiple of velocity_ticks"),
         (GOOD.replace(" bus_ticks=16", ""), "is none"),
         (GOOD + " more_ticks=1", "is none"),
         (GOOD + "\n\x1b[2J" + "x" * 100_000, "is none"),
@@ -521,7 +521,8 @@ def toml_of(clock: Clock, stages: int = 2) -> bytes:
         f'[[checks]]\nname = "{kind}"\nmetric = "{kind}"\nwindow = [0.5, 1.5]\n' for kind in kinds
     )
     return (
-        f'title = "synthetic"\nduration = 2.0\n[parameters.simulation]\nsubsteps = 8\n[parameters.rates]\n{rates}\n[parameters.gearbox]\n'
+        f'title = "synthetic"\nduration = 2.0\n[parameters.simulation]\nsubsteps = 8\n'
+        f"[parameters.rates]\n{rates}\n[parameters.gearbox]\n"
         f"stages = {stages}\n{checks}"
     ).encode()
 

@@ -408,8 +408,8 @@ def test_what_cannot_be_recorded_is_one_line(options: list[str], problem: str) -
 def test_record_is_a_table_of_the_scenario() -> None:
     table = '\n[record]\nsignals = ["/feel.*"]\nrate_hz = 2500\nposes = false\n'
     record = parse_scenario(TOML + table).record
-    assert [topic.path for topic in record.topics()] == ["/feel"] and not record.poses
-    assert parse_scenario(TOML).record.topics() == TOPICS
+    assert [topic.path for topic in record.topics(TOPICS)] == ["/feel"] and not record.poses
+    assert parse_scenario(TOML).record.topics(TOPICS) == TOPICS
     with pytest.raises(InputError, match=r"record\.rate: unknown key; did you mean rate_hz"):
         parse_scenario(TOML + "\n[record]\nrate = 2500\n")
 

@@ -6,7 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
+from cls_bench.parameters.rates import Rates
 from cls_bench.signals import CLOCK, TOPICS, Block, Clock, Event, axes_of, axis_of, topics
 
 DRIVE_16_KHZ = Clock(tick_ns=62_500, velocity_ticks=2, position_ticks=4, bus_ticks=16, plc_ticks=16)
@@ -101,3 +103,28 @@ def test_events_have_the_clock_of_their_block() -> None:
     with_event = replace(block, events=(Event(8, "info", "drive", "on"),))
     assert math.isclose(with_event.events[0].time, 8 * 62.5e-6)
     assert Event(8, "info", "drive", "on").time == 400e-6
+
+
+def test_a_clock_is_allowed_where_the_parameters_allow_it() -> None:
+    rng = np.random.default_rng(1)
+    counts, seen = [0, 1, 2, 3, 4, 8, 16, 50, 51, 64, 65, 1000], set()
+    for _ in range(3000):
+        tick = int(rng.choice([0, 9_999, 10_000, 31_250, 50_000, 200_000, 200_001, 10**9]))
+        velocity, bus = (int(n) for n in rng.choice(counts, 2))
+        clock = Clock(tick, velocity, velocity * int(rng.integers(1, 5)), bus, bus * int(rng.integers(0, 9)))
+        if rng.random() < 0.2:
+            clock = clock._replace(position_ticks=int(rng.choice(counts)), plc_ticks=int(rng.choice(counts)))
+        cycles = [clock.time(1), *(clock.time(ticks) for ticks in clock[1:])]
+        try:
+            names = ("current_cycle", "velocity_cycle", "position_cycle", "bus_cycle", "plc_cycle")
+            assert Rates(**dict(zip(names, cycles, strict=True))).clock == clock
+            allowed = True
+        except (ValidationError, ZeroDivisionError):
+            allowed = False
+        seen.add(allowed)
+        if allowed:
+            clock.check()
+        else:
+            with pytest.raises(ValueError, match=r"is not|is no multiple"):
+                clock.check()
+    assert seen == {True, False}

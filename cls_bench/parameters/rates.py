@@ -3,30 +3,29 @@
 from pydantic import model_validator
 
 from cls_bench.parameters.quantity import Section, quantity
-from cls_bench.signals import Clock
+from cls_bench.signals import LONGEST_CYCLE, LONGEST_TICK, MOST_TICKS, SHORTEST_TICK, Clock
 
-MOST_TICKS = 64
-"""Longest cycle, in cycles of the current controller."""
+_CYCLE = {"ge": SHORTEST_TICK, "le": LONGEST_CYCLE}
 
 
 class Rates(Section):
     """Cycle times. All are whole multiples of the current controller's, which is the tick of everything recorded."""
 
     current_cycle: float = quantity(
-        50.0e-6, "s", "current controller, and the tick", "thesis 3.6.1", ge=10.0e-6, le=200.0e-6
+        50.0e-6, "s", "current controller, and the tick", "thesis 3.6.1", ge=SHORTEST_TICK, le=LONGEST_TICK
     )
     velocity_cycle: float = quantity(
-        200.0e-6, "s", "velocity controller; a multiple of current_cycle", "thesis 3.6.1", ge=10.0e-6, le=0.01
+        200.0e-6, "s", "velocity controller; a multiple of current_cycle", "thesis 3.6.1", **_CYCLE
     )
     position_cycle: float = quantity(
-        400.0e-6, "s", "position controller; a multiple of velocity_cycle", "thesis 3.6.1", ge=10.0e-6, le=0.01
+        400.0e-6, "s", "position controller; a multiple of velocity_cycle", "thesis 3.6.1", **_CYCLE
     )
     bus_cycle: float = quantity(
         400.0e-6, "s", "field bus: a frame either way; a multiple of current_cycle", "thesis 3.2.3: Powerlink",
-        ge=10.0e-6, le=0.01,
+        **_CYCLE,
     )  # fmt: skip
     plc_cycle: float = quantity(
-        400.0e-6, "s", "PLC task, synchronous with the bus; a multiple of bus_cycle", "thesis 3.6", ge=10.0e-6, le=0.01
+        400.0e-6, "s", "PLC task, synchronous with the bus; a multiple of bus_cycle", "thesis 3.6", **_CYCLE
     )
 
     @model_validator(mode="after")

@@ -3,9 +3,6 @@
 import re
 from collections.abc import Iterable, Mapping
 
-from pydantic import ValidationError
-
-from cls_bench.parameters.rates import Rates
 from cls_bench.signals import CLOCK, Clock
 from cls_bench.text import printable
 
@@ -24,16 +21,7 @@ def parse_clock(text: str) -> Clock:
     if tuple(found) != Clock._fields or clock_text(Clock(**{name: int(n) for name, n in found.items()})) != text:
         raise ValueError(f'"{printable(text, 100)}" is none')
     clock = Clock(**{name: int(number) for name, number in found.items()})
-    try:
-        Rates(
-            current_cycle=clock.tick_ns / 1e9, velocity_cycle=clock.time(clock.velocity_ticks),
-            position_cycle=clock.time(clock.position_ticks), bus_cycle=clock.time(clock.bus_ticks),
-            plc_cycle=clock.time(clock.plc_ticks),
-        )  # fmt: skip
-    except ValidationError as error:
-        first = error.errors()[0]
-        said = [*(str(part) for part in first["loc"]), first["msg"].removeprefix("Value error, ")]
-        raise ValueError(": ".join(said)) from None
+    clock.check()
     return clock
 
 
