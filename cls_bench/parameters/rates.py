@@ -1,11 +1,13 @@
 """How often things happen: the drive's cascade, the field bus, the PLC, the plant's step."""
 
+from typing import Any
+
 from pydantic import model_validator
 
 from cls_bench.parameters.quantity import Section, quantity
 from cls_bench.signals import LONGEST_CYCLE, LONGEST_TICK, MOST_TICKS, SHORTEST_TICK, Clock
 
-_CYCLE = {"ge": SHORTEST_TICK, "le": LONGEST_CYCLE}
+_CYCLE: dict[str, Any] = {"ge": SHORTEST_TICK, "le": LONGEST_CYCLE}
 
 
 class Rates(Section):
