@@ -31,8 +31,9 @@ Array = NDArray[np.float64]
 
 MARGIN = 2.0
 """The step has to be stable at this multiple of its length, which leaves six steps to a period: ratios change with
-position, and contacts open and close. Measured on 150 random rigs, with undamped meshes, lossy up to self-locking, and
-shaken from stop to stop: none diverges up to 0.95 of the limit, none vibrates more than it should up to 0.6."""
+position, and contacts open and close. Measured on 248 random rigs, many with undamped meshes, lossy up to self-locking,
+and shaken from stop to stop: one diverges at 0.95 of the limit and none at 0.8; at half of it three vibrate up to twice
+as much as with fine steps, undamped resonances that are shaken."""
 
 MOST_SUBSTEPS = 64
 """Substeps that are tried."""

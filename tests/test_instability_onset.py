@@ -190,7 +190,7 @@ def test_gate_fails_when_the_present_hand_is_beyond_the_onset():
     status, output = invoke("check", "onset", "--ideal", "--min-ratio", "0.7", "--set", "feel.inertia=0.2")
     assert status == 1
     assert "THE PRESENT HAND IS BEYOND THE ONSET" in output
-    assert "margin -3" in output
+    assert "margin -5" in output
 
 
 def test_gate_asks_for_a_margin():

@@ -49,12 +49,17 @@ class Variation:
                 return Setup(changed(p, key, value), hand)
 
 
+HEAVIEST = 95.0
+"""Limb [kg] up to which an onset is searched."""
+
+
 def _named(p: Parameters) -> dict[str, Variation]:
     """Variations with a range of their own: in inertias, from below the bare column's to far beyond a limb's."""
     bare = forward_inertia(p, Hand(None))
+    heaviest = bare + HEAVIEST * p.column.grip_height**2
     chosen = (
         Variation("limb_mass", "kg", 0.02, 20.0),
-        Variation("forward_inertia", "kg·m²", _rounded(1.1 * bare), _rounded(50.0 * bare)),
+        Variation("forward_inertia", "kg·m²", _rounded(1.1 * bare), _rounded(min(50.0 * bare, heaviest))),
         Variation("squeeze", "1", 0.0, 1.0),
         Variation("delay", f"cycles of {p.rates.bus_cycle * 1e3:g} ms", 0, 16, whole=True),
         Variation("feel.inertia", "kg·m²", _rounded(0.5 * bare), _rounded(75.0 * bare)),

@@ -39,7 +39,7 @@ by 1.6 %: 6.00 N·m at 20.38 A against 1.00 N·m at 3.45 A.""",
     "limb": "Column and limb alone, coupled by the grip. Column bearing and gravity are left out.",
     "linearisation": """\
 A multisine of 1 Hz lines on the motor torque, friction and backlash off, the meshes loaded on one flank. The linear
-model (`cls_bench/analysis/linear.py`) is written down from the book and takes nothing from the simulation. Below the
+model (`cls_bench/linear/`) is written down from the book and takes nothing from the simulation. Below the
 table's frequencies lie the two worst deviations over all 300 lines.""",
     "whole plant": """\
 A second model in minimal coordinates, written down by hand (`cls_bench/verification/reduced_model.py`), integrated by
