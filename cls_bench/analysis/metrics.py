@@ -12,9 +12,9 @@ from cls_bench import signals
 from cls_bench.analysis import free_response
 from cls_bench.analysis.window import Window, on_axis, split_signal, unit_of
 from cls_bench.errors import InputError
+from cls_bench.input.faults import nearest, shown
 from cls_bench.parameters import DEG
 from cls_bench.scenario import Check
-from cls_bench.input.faults import nearest, shown
 from cls_bench.text import escaped
 
 Array = NDArray[np.float64]
