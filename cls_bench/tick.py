@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from cls_bench.compiled import compiled, mj_step
 from cls_bench.control import latch, limits, plc, servo, validity
 from cls_bench.hand import HandSamples
-from cls_bench.plant import limb, mechanism, rod, sensors
+from cls_bench.plant import limb, mechanism, sensors
 from cls_bench.plant.state import Plant
 
 BOUND = 1.0e4
@@ -298,7 +298,7 @@ def advance(
             axis = axes[a]
             if due.plc and _is_on(axis.controller.state):
                 _check_numbers(axis.controller.state, watched, a, tick)
-            rod.strain(plant, axis.truth.joints, axis.truth.mechanism, axis.truth.body)
+            mechanism.arrive(plant, axis.truth)
             sensors.sample(plant, axis.truth, noise, a, row, axis.samples)
         if first_unbounded(plant) >= 0:
             return row
@@ -324,7 +324,7 @@ def advance(
         for _ in range(1, cycles.substeps):
             for a in range(count):
                 axis = axes[a]
-                rod.strain(plant, axis.truth.joints, axis.truth.mechanism, axis.truth.body)
+                mechanism.arrive(plant, axis.truth)
                 _grip(plant, axis, hand, a, row)
                 _act(plant, axis, hand, a, row, tick)
             mj_step(plant.model, plant.data)

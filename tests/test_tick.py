@@ -98,7 +98,7 @@ def test_a_lost_joint_is_found(value):
 
 WORK = {
     "PLC: self-check of its numbers": ("tick._check_numbers",),
-    "sample: encoder, current, load cell, potentiometer, limit switches": ("plant.rod.strain", "plant.sensors.sample"),
+    "sample: encoder, current, load cell, potentiometer, limit switches": ("plant.mechanism.arrive", "plant.sensors.sample"),
     "drive: speed filter": ("control.servo.speed_filter",),
     "field bus: position and velocity of the drive → PLC": ("control.latch.write feedback",),
     "PLC: torque measurement, outer loop, safety, kinematic chain": (
@@ -149,7 +149,7 @@ def test_the_code_keeps_the_written_order(substeps):
     ticks = json.loads(done.stdout)
     assert len(ticks) == 24
     known = {call for calls in WORK.values() for call in calls}
-    again = ["plant.rod.strain", "plant.limb.set_grip", "plant.mechanism.act", "mj_step"]
+    again = ["plant.mechanism.arrive", "plant.limb.set_grip", "plant.mechanism.act", "mj_step"]
     for number, called in enumerate(ticks):
         seen = [call for call in called if call in known]
         expected = [call for cycle, work in ORDER if number % CYCLES[cycle] == 0 for call in WORK[work]]

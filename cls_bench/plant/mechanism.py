@@ -24,11 +24,19 @@ def configure(mechanism: Any, p: Parameters) -> None:
 
 
 @compiled
+def arrive(plant: Any, truth: Any) -> None:
+    """After a step: what is not MuJoCo's arrives at the present state too, and the rod is strained as it lies."""
+    joints, body = truth.joints, truth.body
+    motor.flow(truth.parameters.motor, truth.mechanism, body, plant.qvel[joints.motor])
+    rod.strain(plant, joints, truth.mechanism, body)
+
+
+@compiled
 def act(
     plant: Any, truth: Any, connected: bool, voltage: float,
     motion: bool, angle: float, velocity: float, force: float,
 ) -> None:  # fmt: skip
-    """Put all forces of the present state on the joints; what MuJoCo does not hold goes on by a step.
+    """Put all forces of the present state on the joints, after :func:`arrive`.
 
     The grip is as :func:`cls_bench.plant.limb.set_grip` left it.
     """
@@ -37,7 +45,7 @@ def act(
     for k in range(mechanism.stages + 1):
         plant.force[joints.shafts[k]] = 0.0
     shaft = joints.motor
-    body.motor_torque = motor.advance(p.motor, mechanism, body, connected, voltage, plant.qvel[shaft])
+    body.motor_torque = motor.torque(p.motor, body, connected, voltage)
     plant.force[shaft] += body.motor_torque + motor.cogging(p.motor, plant.qpos[shaft])
     for k in range(mechanism.stages):
         gearbox.advance(plant, p.gearbox, joints, mechanism, body, k)

@@ -90,6 +90,7 @@ BODY = np.dtype(
         ("grip_rest", np.float64),  # angle between limb and column at which the grip's spring is free [rad]
         # what acts in the present state
         ("voltage", np.float64),  # on the motor's terminals [V]
+        ("connected", np.float64),  # 1 if the power stage is on them; 0: they are open
         ("motor_torque", np.float64),  # of the air gap [N·m]
         ("rod_force", np.float64),  # tension positive [N]
         ("along_crank", np.float64), ("along_column", np.float64),  # levers of the pins along the rod [m]

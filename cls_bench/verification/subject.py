@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from cls_bench.compiled import compiled, mj_step, records
 from cls_bench.parameters import PLANT, Parameters
 from cls_bench.parameters.record import values_of
-from cls_bench.plant import limb, mechanism, rod
+from cls_bench.plant import limb, mechanism
 from cls_bench.plant import model as plant_model
 from cls_bench.plant.state import TRUTH, Plant, view
 
@@ -74,7 +74,7 @@ def _run(
     p = truth.parameters
     count = plant.qpos.shape[0]
     for k in range(torque.shape[0]):
-        rod.strain(plant, joints, truth.mechanism, body)
+        mechanism.arrive(plant, truth)
         limb.set_grip(plant, p.limb, p.column.grip_height, joints, body, squeeze == squeeze, squeeze)
         for j in range(count):
             positions[k, j], velocities[k, j] = plant.qpos[j], plant.qvel[j]
