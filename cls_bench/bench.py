@@ -398,6 +398,11 @@ class Bench:
         joint = tick.first_unbounded(self.plant)
         if joint >= 0:
             return f"velocity of joint {self.model.joint(joint).name} is not finite or out of all bounds"
+        for axis in self.axes:
+            body = axis.record.truth.body
+            for name in mechanism.REMEMBERED:
+                if not math.isfinite(body[name]):
+                    return f"{plant_model.prefixed(axis.name, name)} in the plant is not finite"
         return f"MuJoCo warned: {warned[0]}"
 
     def _first_lost(self, signals: Mapping[str, NDArray[np.float64]], first: int) -> tuple[int, str] | None:

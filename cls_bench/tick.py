@@ -98,7 +98,7 @@ class Due(NamedTuple):
 def first_unbounded(plant: Plant) -> int:
     """Index of the first joint whose velocity is not finite or beyond :data:`BOUND`; −1 if there is none.
 
-    Whatever else is lost (a force, a current) shows in a velocity at the next step.
+    Whatever force is lost shows in a velocity at the next step.
     """
     for joint in range(plant.qvel.shape[0]):
         if not abs(plant.qvel[joint]) < BOUND:
@@ -294,13 +294,15 @@ def advance(
     for row in range(ticks):
         tick = first_tick + row
         due = Due(tick == next_velocity, tick == next_position, tick == next_bus, tick == next_plc)
+        sound = True
         for a in range(count):
             axis = axes[a]
             if due.plc and _is_on(axis.controller.state):
                 _check_numbers(axis.controller.state, watched, a, tick)
             mechanism.arrive(plant, axis.truth)
             sensors.sample(plant, axis.truth, noise, a, row, axis.samples)
-        if first_unbounded(plant) >= 0:
+            sound = sound and mechanism.is_finite(axis.truth.body)
+        if not sound or first_unbounded(plant) >= 0:
             return row
         for a in range(count):
             axis = axes[a]
