@@ -32,7 +32,7 @@ from cls_bench.plant import mechanism, mjcf, sensors, state
 from cls_bench.plant import model as plant_model
 from cls_bench.resources import model_folder
 from cls_bench.run_log import LimitLog, Trip, source_of, trip
-from cls_bench.signals import Block, Event, Topic, topics
+from cls_bench.signals import Block, Event, Topic, is_axis, topics
 from cls_bench.step_limit import check_step
 from cls_bench.trace import Buffers
 
@@ -122,6 +122,9 @@ class Bench:
             if not isinstance(loop, OuterLoop):
                 raise InputError(f"controller {type(loop).__name__} has no method step(inputs)")
         _check_together(self._built)
+        for name in self._controllers:
+            if name not in self._built:
+                raise InputError(f"controller of axis {name!r}: there is {', '.join(map(repr, self._built))}")
         for p in self._built.values():
             check_step(p)
         try:
@@ -264,7 +267,8 @@ class Bench:
         self.parameters_of[axis.name] = parameters
         plant_model.set_weights(self.model, axis.name, parameters)
         now = self.parameters_of.values()
-        self._chances = any(p.load_cell.spike_rate > 0.0 for p in now), any(p.plc.frame_loss > 0.0 for p in now)
+        lost = [p.plc.frame_loss > 0.0 for p in now]
+        self._chances = [p.load_cell.spike_rate > 0.0 for p in now], lost, lost
 
     def _named(self, name: str) -> Axis:
         for axis in self.axes:
@@ -318,6 +322,8 @@ class Bench:
         first, ticks = self._tick, len(hands.angle)
         if not 0 < ticks <= self.block_ticks or first % self.clock.plc_ticks:
             raise ValueError(f"a block has whole PLC cycles, and at most {self.block_ticks} ticks; this one {ticks}")
+        if any(values.shape != (ticks, len(self.axes)) for values in hands):  # compiled code looks at no bounds
+            raise ValueError(f"a hand for each axis: there are {len(self.axes)}, and {hands.angle.shape[1]} hands")
         noise = self._streams.draw(ticks, self._chances)
         trace = self._room(first, ticks)
         powered = self._power.tolist()
@@ -431,6 +437,8 @@ def _check_together(built: Mapping[str, Parameters]) -> None:
     for name, p in built.items():
         if not name and len(built) > 1:
             raise InputError("of several axes each has a name")
+        if name and not is_axis(name):
+            raise InputError(f"axis {name!r}: a name is up to 20 of a–z, 0–9 and _, a letter first")
         for section in ("rates", "simulation"):
             if getattr(p, section) != getattr(first, section):
                 raise InputError(
@@ -470,8 +478,8 @@ class _Streams:
         self._at = 0
         self._none = np.zeros((0, len(axes)))
 
-    def draw(self, ticks: int, chances: tuple[bool, bool]) -> sensors.Noise:
-        """The random numbers of the next ``ticks`` ticks; spikes and lost frames where ``chances`` has them."""
+    def draw(self, ticks: int, chances: Sequence[Sequence[bool]]) -> sensors.Noise:
+        """The random numbers of the next ``ticks`` ticks; of each source of chance for those axes that want it."""
         if self._at + ticks > len(self._pool[0]):
             new = max(_POOL, ticks)
             self._pool = [
@@ -481,11 +489,11 @@ class _Streams:
             self._at = 0
         normal = [pool[self._at : self._at + ticks] for pool in self._pool]
         self._at += ticks
-        drawn = (chances[0], chances[1], chances[1])
         uniform = [
-            np.stack([s.random(ticks) for s in streams], axis=1) if wanted else self._none
-            for wanted, streams in zip(drawn, self._uniform, strict=True)
-        ]
+            np.stack([s.random(ticks) if w else np.ones(ticks) for s, w in zip(streams, wanted, strict=True)], axis=1)
+            if any(wanted) else self._none
+            for streams, wanted in zip(self._uniform, chances, strict=True)
+        ]  # fmt: skip
         return sensors.Noise(*normal, *uniform)
 
 
