@@ -67,9 +67,6 @@ class Nameplate(Section):
         ..., "N", "force of one converter count",
         _FOLLOWS.format("load_cell.capacity, to both sides, over 2^adc_bits"), ge=1e-12, le=1e3,
     )  # fmt: skip
-    travel: float = quantity(
-        ..., "rad", "travel to either side", _FOLLOWS.format("column.travel"), ge=0.01, lt=WIDEST
-    )
     stop_angle: float = quantity(
         ..., "rad", "where set angles end (software limit)", _FOLLOWS.format("column.stop_angle"),
         ge=0.01, lt=WIDEST,
