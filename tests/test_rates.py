@@ -172,7 +172,7 @@ def test_feedback_comes_its_bus_cycles_late(case, delay):
 
 @pytest.mark.parametrize("delay", [0, 1, 4, 16])
 def test_a_voltage_comes_its_ticks_late(case, delay):
-    """Torque is asked for in mid-run with a slow current loop; the motor's current begins a tick after the voltage."""
+    """From the position cycle that asks for torque to the terminals, to within a row of the record."""
     tick, velocity, position, bus, plc = case
     starts = []
     for ticks in (0, delay):
@@ -181,7 +181,6 @@ def test_a_voltage_comes_its_ticks_late(case, delay):
             set=[*rates(*case), f"drive.voltage_latency={ticks}", "drive.set_torque=1.0",
                  "drive.current_bandwidth=20.0"],
         )  # fmt: skip
-        # In every tick, not at the drive's rows: the current is what the plant does with the voltage.
         rows = row_ticks(r, "/drive")
         starts.append(rows[np.flatnonzero(np.abs(r["/drive.voltage"]) > 0.5)[0]])
     grid = r.topic("/drive").ticks
