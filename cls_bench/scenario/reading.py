@@ -12,8 +12,8 @@ from cls_bench.errors import InputError
 from cls_bench.input.faults import nearest
 from cls_bench.input.files import read_file
 from cls_bench.input.toml_file import MOST_BYTES, parse_toml
-from cls_bench.resources import shipped_scenarios
 from cls_bench.parameters import Parameters
+from cls_bench.resources import shipped_scenarios
 from cls_bench.rigs import THESIS, Rig, load_rig
 from cls_bench.scenario.placing import as_text, place, place_override
 from cls_bench.scenario.scenario import Origin, Scenario
