@@ -1,7 +1,7 @@
 """The bench: owns model, memory and buffers of one axis or several, and steps them.
 
-It is told what the hands do and what changes, and knows no scenario: scripted runs, sweeps, live use and a host link are
-drivers on top (:mod:`cls_bench.drivers`).
+It is told what the hands do and what changes, and knows no scenario: scripted runs, sweeps, live use and a host link
+are drivers on top (:mod:`cls_bench.drivers`).
 """
 
 import math
@@ -26,8 +26,8 @@ from cls_bench.control import plc, servo
 from cls_bench.controllers import failure_of
 from cls_bench.errors import BenchError, ControllerError, ExitCode, InputError, one_line
 from cls_bench.geometry import Geom
-from cls_bench.parameters import Parameters, leaves
 from cls_bench.hand import HandSamples
+from cls_bench.parameters import Parameters, leaves
 from cls_bench.plant import mechanism, mjcf, sensors, state
 from cls_bench.plant import model as plant_model
 from cls_bench.resources import model_folder
@@ -107,7 +107,8 @@ class Bench:
 
     ``parameters`` are those of the only axis, or of each by name. ``seed`` seeds the sensors' noise; each sensor has a
     random stream of its own. ``controller`` replaces the feel model in the PLC by a user's own outer loop, or those of
-    some axes by name. Raises :class:`InputError` if the parameters make a model that cannot be stepped, and MemoryError.
+    some axes by name. Raises :class:`InputError` if the parameters make a model that cannot be stepped, and
+    MemoryError.
     """
 
     def __init__(
@@ -277,7 +278,8 @@ class Bench:
         raise InputError(f"axis {name!r}: there is {', '.join(repr(axis.name) for axis in self.axes)}")
 
     def change(
-        self, parameters: Parameters | None = None, *, mode: str | None = None, power: str | None = None, axis: str = "",
+        self, parameters: Parameters | None = None, *, mode: str | None = None, power: str | None = None,
+        axis: str = "",
     ) -> None:  # fmt: skip
         """Change live parameters of an axis, its drive's mode or power, from the next tick on; the log says so."""
         changed = self._named(axis)

@@ -164,6 +164,7 @@ _CACHE = _folder()
 
 _rebuild: Any = compiler.CompileResult._rebuild
 _dumps: Any = dumps
+_types: Any = types
 
 
 class _Unkept:
@@ -229,9 +230,9 @@ class _Cache(caching.NullCache):
 def _fields(kinds: Any) -> Iterator[tuple[str, ...]]:
     """Names of the fields of all named tuples among ``kinds``: numba's name of such a type tells their types alone."""
     for kind in getattr(kinds, "args", kinds):
-        if isinstance(kind, types.BaseNamedTuple):
+        if isinstance(kind, _types.BaseNamedTuple):
             yield kind.fields
-        if isinstance(kind, types.BaseTuple):
+        if isinstance(kind, _types.BaseTuple):
             yield from _fields(kind.types)
 
 
@@ -280,7 +281,8 @@ def _call(_: Any, address: Any, number: Any) -> Any:
 
 
 if JIT:
-    call: Callable[[int, int], int] = numba.extending.intrinsic(_call)
+    _intrinsic: Any = numba.extending.intrinsic
+    call: Callable[[int, int], int] = _intrinsic(_call)
 else:
 
     def call(address: int, number: int) -> int:

@@ -51,7 +51,8 @@ class Hand(NamedTuple):
         """The hands of all axes, in the form compiled code takes."""
         if len(hands) == 1:  # without a copy
             return cls(*[getattr(hands[0], name)[:, None] for name in cls._fields])
-        return cls(*(np.stack([getattr(hand, name) for hand in hands], axis=1) for name in cls._fields))
+        fields: list[Any] = [np.stack([getattr(hand, name) for hand in hands], axis=1) for name in cls._fields]
+        return cls(*fields)
 
     def part(self, first: int, ticks: int) -> "Hand":
         """Some consecutive ticks of it, without a copy."""

@@ -52,7 +52,9 @@ def alone():
     return {name: run({name: p}, numbers=[a]) for a, (name, p) in enumerate(AXES.items())}
 
 
-@pytest.mark.parametrize("names", [("pitch", "roll"), ("yaw", "pitch"), ("roll", "tab", "pitch"), tuple(AXES)], ids="-".join)
+@pytest.mark.parametrize(
+    "names", [("pitch", "roll"), ("yaw", "pitch"), ("roll", "tab", "pitch"), tuple(AXES)], ids="-".join
+)
 def test_each_is_what_it_is_alone(alone, names):
     """Bit for bit: another rig beside it, in any place, is not felt."""
     numbers = [list(AXES).index(name) for name in names]
@@ -172,7 +174,7 @@ def test_a_number_that_is_none_trips_its_own_drive():
     ]
 
 
-# --- outer loops -------------------------------------------------------------------------------------------------------
+# --- outer loops ------------------------------------------------------------------------------------------------------
 
 
 class Asks:
@@ -212,7 +214,7 @@ def test_a_loop_that_fails_ends_the_run_of_all():
     assert len(r["/pitch/column.angle"]) == len(r["/roll/column.angle"]) == 1000
 
 
-# --- mistakes ----------------------------------------------------------------------------------------------------------
+# --- mistakes ---------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("axes", "says"), [

@@ -17,7 +17,7 @@ from cls_bench import compiled
 PACKAGE = Path(compiled.__file__).parent
 
 
-# --- what is compiled, read from the sources alone ---------------------------------------------------------------------
+# --- what is compiled, read from the sources alone --------------------------------------------------------------------
 
 
 class Module:
@@ -122,7 +122,7 @@ def test_no_function_is_compiled_from_a_file_that_no_key_knows(path):
     assert needed(path) <= {*compiled._source_files(), path}
 
 
-# --- the key -----------------------------------------------------------------------------------------------------------
+# --- the key ----------------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -157,7 +157,8 @@ def _key() -> str:
     ("control/servo.py", "\n@compiled\n", "\n# a comment\n@compiled\n"),
     ("control/servo.py", "Velocity from the encoder", "Speed from the encoder"),
     ("control/plc.py", "Slots of a command frame", "Places in a command frame"),
-    ("control/servo.py", "raw = (encoder - state.encoder_before) / cycle", "raw = (\n        encoder - state.encoder_before\n    ) / cycle"),
+    ("control/servo.py", "raw = (encoder - state.encoder_before) / cycle",
+     "raw = (\n        encoder - state.encoder_before\n    ) / cycle"),
     ("parameters/plant.py", "rotor inertia", "inertia of the rotor"),
     ("parameters/plant.py", "4.0e-5", "4.1e-5"),
     ("parameters/control.py", "assumed: tuned", "assumed: tuned by hand"),
@@ -201,7 +202,7 @@ def test_a_new_law_changes_the_key(copied):
 
 
 def test_an_entry_knows_the_fields_of_a_named_tuple():
-    """Two places of one type that change their names: numba gives the type the same name, and the law reads the other."""
+    """Two places of one type change their names: numba gives the type the same name, and the law reads the other."""
     number = types.float64
     one, other = (types.NamedUniTuple(number, 2, _tuple(names)) for names in ("ab", "ba"))
     assert str(one) == str(other)
@@ -225,8 +226,8 @@ def test_a_parameters_text_compiles_nothing(tmp_path):
         shutil.copytree(PACKAGE.parent / name, tmp_path / name)
     code = (
         "import cls_bench; from cls_bench.bench import Bench; from cls_bench.parameters import Parameters\n"
-        "assert cls_bench.__file__.startswith({folder!r})\nBench(Parameters()).compile()"
-    ).format(folder=str(tmp_path))
+        f"assert cls_bench.__file__.startswith({str(tmp_path)!r})\nBench(Parameters()).compile()"
+    )
     kept = tmp_path / "cache"
     environment = {**os.environ, "PYTHONPATH": str(tmp_path), "NUMBA_CACHE_DIR": str(kept)}
 

@@ -11,9 +11,9 @@ from click.testing import CliRunner
 
 from cls_bench import bench as bench_module
 from cls_bench import experiment
+from cls_bench.axis import AXIS, NUMBERS
 from cls_bench.bench import Bench, Command, DivergedError
 from cls_bench.cli import main
-from cls_bench.axis import AXIS, NUMBERS
 from cls_bench.control import limits, plc, validity
 from cls_bench.drivers import scripted
 from cls_bench.parameters import CONTROL, Parameters, leaves
@@ -251,7 +251,7 @@ def test_every_parameter_is_watched():
 
 
 def test_all_that_the_controller_remembers_is_watched():
-    """Every word of its state and samples that is a number, and no word besides: the record is full of ones but there."""
+    """Every word of its state and samples that is a number, and no word besides: the record is full of ones there."""
     memory = np.ones(1, AXIS).view(np.recarray)
     words = memory.view(np.float64, np.ndarray)
     words[:] = np.nan
@@ -326,7 +326,7 @@ def test_any_warning_of_mujoco_makes_the_run_diverged(what):
 @pytest.mark.parametrize("value", [math.nan, math.inf])
 @pytest.mark.parametrize("name", mechanism.REMEMBERED)
 def test_what_the_plant_alone_has_lost_is_not_passed_over(name, value):
-    """The drive would trip on the sample, clear it, and leave no trace; but the plant has lost its number: diverged."""
+    """The drive would trip on the sample, clear it, and leave no trace; but the plant lost its number: diverged."""
     bench = Bench(Parameters())
     run = blocks(bench, f'{HELD}\nexpected_trips = [{{reason = "any", window = [0.0, 1.0]}}]')
     start = next(run).end_tick

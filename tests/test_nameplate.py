@@ -1,4 +1,4 @@
-"""What drive and PLC know: their nameplate and samples. No true value of the plant reaches them, and none of theirs it."""
+"""What drive and PLC know: nameplate and samples. No true value of the plant reaches them, and none of theirs it."""
 
 import math
 from collections.abc import Iterator
@@ -18,7 +18,7 @@ from cls_bench.plant import model as plant_model
 from cls_bench.plant.sensors import SAMPLES
 from tests.running import advanced, collected, parameters
 
-BASE = Parameters.model_validate({**Parameters().model_dump(), "gearbox": {**Parameters().gearbox.model_dump(), "stages": 3}})
+BASE = parameters({"gearbox.stages": 3})
 """The thesis's rig with a third stage, so that every parameter means something."""
 
 KEYS = {key: value for key, value, _ in leaves(BASE)}

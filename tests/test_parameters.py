@@ -119,7 +119,7 @@ def test_mesh_efficiency_gives_the_overall_one_at_rated_torque(overall):
 
 
 def test_an_efficiency_that_drag_alone_forbids_is_refused():
-    with pytest.raises(ValueError, match="efficiency 0.99 cannot be reached: the drag alone costs more at 1 N·m"):
+    with pytest.raises(ValueError, match=r"efficiency 0\.99 cannot be reached: the drag alone costs more at 1 N·m"):
         mesh_efficiency(0.99, 1.0, (0.055, 0.125), (5.0, 5.0))
 
 
@@ -183,7 +183,7 @@ def test_the_shipped_linkage_is_the_one_that_is_not_looked_at():
         assert 1.0 / polynomial(fitted.inverse_ratio, crank) == pytest.approx(ratio, rel=1e-2)
 
 
-# --- the nameplate -----------------------------------------------------------------------------------------------------
+# --- the nameplate ----------------------------------------------------------------------------------------------------
 
 
 def test_the_delivered_nameplate_is_what_the_thesis_says():
@@ -212,7 +212,7 @@ def test_a_rigs_nameplate_follows_from_its_data_sheets():
     assert p.nameplate == Parameters().nameplate  # until asked, the controller believes what it did
 
 
-# --- one way to change a key -------------------------------------------------------------------------------------------
+# --- one way to change a key ------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("key", "value"), [

@@ -65,7 +65,7 @@ def ceil_to(tick: int, every: int) -> int:
     return -(-tick // every) * every
 
 
-# --- cycles ------------------------------------------------------------------------------------------------------------
+# --- cycles -----------------------------------------------------------------------------------------------------------
 
 
 def test_the_outer_loop_is_asked_in_every_plc_cycle(case):
@@ -79,7 +79,7 @@ def test_the_outer_loop_is_asked_in_every_plc_cycle(case):
 
 def test_each_controller_works_in_its_own_cycle(case):
     """By what changes in the record from tick to tick: at most of its own cycles, and between them never."""
-    tick, velocity, position, bus, plc = case
+    _, velocity, position, _, plc = case
     bench = Bench(parameters(dict(map(_pair, rates(*case)))), seed=2)
     bench.start()
     state = bench.axes[0].record.controller.state
@@ -129,13 +129,13 @@ def test_set_velocities_are_interpolated_over_a_position_cycle():
     assert np.ptp(v) > 10.0
 
 
-# --- delays ------------------------------------------------------------------------------------------------------------
+# --- delays -----------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("delay", [0, 1, 3])
 def test_a_command_comes_its_bus_cycles_late(case, delay):
     """From the PLC's cycle to the first position cycle in which its frame is there."""
-    tick, velocity, position, bus, plc = case
+    tick, _, position, bus, plc = case
     asked = 40 * plc
     r = run(controller=Steps(asked * tick * 1e-6), duration=0.15, set=[*rates(*case), f"plc.command_latency={delay}"])
     arrived = ceil_to(asked + delay * bus, position)
@@ -147,7 +147,7 @@ def test_a_command_comes_its_bus_cycles_late(case, delay):
 @pytest.mark.parametrize("delay", [0, 1, 3])
 def test_feedback_comes_its_bus_cycles_late(case, delay):
     """What the PLC is given is the encoder of so many bus cycles ago, tick by tick."""
-    tick, velocity, position, bus, plc = case
+    *_, bus, plc = case
     seen = []
 
     class Watch:
@@ -173,7 +173,7 @@ def test_feedback_comes_its_bus_cycles_late(case, delay):
 @pytest.mark.parametrize("delay", [0, 1, 4, 16])
 def test_a_voltage_comes_its_ticks_late(case, delay):
     """From the position cycle that asks for torque to the terminals, to within a row of the record."""
-    tick, velocity, position, bus, plc = case
+    tick, _, position, _, plc = case
     starts = []
     for ticks in (0, delay):
         r = run(
@@ -190,21 +190,23 @@ def test_a_voltage_comes_its_ticks_late(case, delay):
 
 def test_the_drives_gains_know_its_cycle():
     """The speed filter's weight is 1 − exp(−cycle/T), whatever the cycle; loops keep their bandwidth."""
+    shipped = Bench(Parameters()).axes[0].record.controller.design.gains
     for current, velocity in ((50.0, 4), (62.5, 2), (31.25, 16)):
         p = parameters(dict(map(_pair, rates(current, velocity, 2 * velocity, 16, 16))))
         gains = Bench(p).axes[0].record.controller.design.gains
         cycle = current * velocity * 1e-6
         assert gains.speed_filter == pytest.approx(1.0 - math.exp(-cycle / 4e-4), rel=1e-12)
-        assert gains.velocity_proportional == Bench(Parameters()).axes[0].record.controller.design.gains.velocity_proportional
+        assert gains.velocity_proportional == shipped.velocity_proportional
 
 
-# --- what is the same at any rate --------------------------------------------------------------------------------------
+# --- what is the same at any rate -------------------------------------------------------------------------------------
 
 
 def test_faster_control_is_the_same_bench():
     """The plant's own motion does not depend on the clock: with the drive off, half the tick moves the column alike."""
     text = """
-    hand = [{at = 0.0, kind = "hold", angle_deg = 0.0}, {at = 0.05, kind = "ramp", to_deg = 10.0, over = 0.3, smooth = true}]
+    hand = [{at = 0.0, kind = "hold", angle_deg = 0.0},
+            {at = 0.05, kind = "ramp", to_deg = 10.0, over = 0.3, smooth = true}]
     drive.power = "off"
     """
     slow, fast = run(text, duration=0.5), run(text, duration=0.5, set=rates(25.0, 8, 16, 16, 16))
@@ -218,7 +220,7 @@ def test_the_shipped_rates_are_no_rates():
     assert run(set=given, duration=0.05).same_samples(run(duration=0.05))
 
 
-# --- recordings --------------------------------------------------------------------------------------------------------
+# --- recordings -------------------------------------------------------------------------------------------------------
 
 SCENARIO = """
 title = "a PLC at 1 kHz, a drive at 16 kHz"
@@ -275,7 +277,7 @@ def test_blocks_are_of_whole_plc_cycles():
     assert r.time("/column")[-1] == pytest.approx(0.5 - 62.5e-6)
 
 
-# --- mistakes ----------------------------------------------------------------------------------------------------------
+# --- mistakes ---------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("override", "says"), [
@@ -298,5 +300,5 @@ def test_a_wrong_rate_is_one_clear_line(override, says):
 
 
 def test_rates_hold_for_the_whole_run():
-    with pytest.raises(InputError, match="rates.plc_cycle: holds for the whole run"):
+    with pytest.raises(InputError, match=r"rates\.plc_cycle: holds for the whole run"):
         parse_scenario('title = "t"\nduration = 1.0\nchanges = [{at = 0.5, parameters.rates.plc_cycle = 8e-4}]')

@@ -50,7 +50,8 @@ hand = [
   {at = 0.0, kind = "hold", angle_deg = 1.0},
   {at = 0.1, kind = "ramp", to_deg = 3.0, over = 0.1, smooth = true},
   {at = 0.2, kind = "step", to_N = 4.0},
-  {at = 0.3, kind = "sine", amplitude_N = 4.0, offset_N = 1.0, frequency = 9.0, phase_deg = 90.0, cycles = 1.0, fade = 0.02},
+  {at = 0.3, kind = "sine", amplitude_N = 4.0, offset_N = 1.0, frequency = 9.0, phase_deg = 90.0, cycles = 1.0,
+   fade = 0.02},
   {at = 0.4, kind = "chirp", amplitude_deg = 5.0, from_hz = 5.0, to_hz = 20.0, over = 0.1, sweep = "log"},
   {at = 0.55, kind = "release"},
 ]
@@ -192,14 +193,14 @@ def test_two_scenarios_share_nothing(tmp_path: Path):
     assert changed.parameters_at_start().feel.inertia == 0.5
 
 
-# --- mistakes ----------------------------------------------------------------------------------------------------------
+# --- mistakes ---------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("keys", "says"), [
     ({"duration": -1.0}, "scenario: duration: -1.0 is not valid; give a number > 0"),
     ({"duration": "1"}, 'scenario: duration: "1" is not valid'),
     ({"titel": "t"}, 'scenario: titel: unknown key; did you mean title'),
-    ({"parameters": {"feel.inertai": 1.0}}, "scenario: parameters.feel.inertai: unknown parameter; did you mean feel.inertia"),
+    ({"parameters": {"feel.inertai": 1.0}}, "parameters.feel.inertai: unknown parameter; did you mean feel.inertia"),
     ({"parameters": {"feel.inertia": -1.0}}, "scenario: parameters.feel.inertia: -1.0 is not valid"),
     ({"parameters": {"feel.inertia": object()}}, "a object cannot be written to TOML"),
     ({"changes": [Change(at=2.0, power="off")]}, "changes[0].at: 2 s is not inside the run of 1 s"),
@@ -207,7 +208,8 @@ def test_two_scenarios_share_nothing(tmp_path: Path):
     ({"hand": [Hold(at=0.5), Hold(at=0.2)]}, "hand[1].at: 0.2 s does not come after hand[0].at = 0.5 s"),
     ({"hand": [Samples(at=0.0, file="none.csv", unit="deg")]}, 'hand[0].file: "none.csv" cannot be read'),
     ({"hand": [{"at": 0.0, "kind": "stepp", "to_deg": 1.0}]}, "hand[0].kind"),
-    ({"checks": [Check(name="x", metric="maximum", signal="/gearbox.stage3_twist", window=(0, 1))]}, "gearbox.stages = 2"),
+    ({"checks": [Check(name="x", metric="maximum", signal="/gearbox.stage3_twist", window=(0, 1))]},
+     "gearbox.stages = 2"),
     ({"rig": "one_stag"}, "scenario: rig: "),
 ])  # fmt: skip
 def test_a_mistake_is_one_line(keys, says):

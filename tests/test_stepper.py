@@ -1,4 +1,4 @@
-"""The bench as a stepper: start, advance, change, reset; back at the start it is as if made anew, without being made."""
+"""The bench as a stepper: start, advance, change, reset; after a reset it is as if made anew, without being made."""
 
 import math
 
@@ -49,7 +49,7 @@ def weights(model):
     return [array.tolist() for array in (model.body_mass, model.body_inertia, model.body_ipos)]
 
 
-# --- what a bench may have been through --------------------------------------------------------------------------------
+# --- what a bench may have been through -------------------------------------------------------------------------------
 
 
 def a_run(bench):
@@ -213,7 +213,7 @@ def test_a_reset_to_parameters_that_cannot_be_stepped_is_refused_and_leaves_it(f
     same(whole(bench), fresh)
 
 
-# --- blocks ------------------------------------------------------------------------------------------------------------
+# --- blocks -----------------------------------------------------------------------------------------------------------
 
 RATES = {
     "rates.current_cycle": 62.5e-6, "rates.velocity_cycle": 125e-6, "rates.position_cycle": 500e-6,
@@ -287,7 +287,7 @@ def test_without_a_start_the_drive_is_off():
     assert bench.advance(swaying(0, 800, 0.2, 5.0))["/drive.voltage"].any()
 
 
-# --- changes -----------------------------------------------------------------------------------------------------------
+# --- changes ----------------------------------------------------------------------------------------------------------
 
 
 def test_a_change_of_a_live_parameter_says_what_and_from_when():

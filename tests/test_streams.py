@@ -10,7 +10,6 @@ from cls_bench.plant import sensors
 from tests.running import advanced, collected, parameters
 
 
-
 def drawn(axes, seed=1, ticks=600, blocks=(600,)):
     """All numbers by source, (ticks, axes)."""
     streams, found, left = _Streams(axes, seed), [], ticks
@@ -39,7 +38,7 @@ def test_they_are_normal_and_uniform():
         assert found[name].mean() == pytest.approx(0.0, abs=0.03)
         assert found[name].std() == pytest.approx(1.0, abs=0.02)
     for name in sensors.UNIFORM:
-        assert 0.0 <= found[name].min() and found[name].max() < 1.0
+        assert found[name].min() >= 0.0 and found[name].max() < 1.0
         assert found[name].mean() == pytest.approx(0.5, abs=0.01)
 
 
@@ -94,7 +93,7 @@ def test_chance_is_drawn_only_where_something_depends_on_it():
     np.testing.assert_array_equal(both.spike[:, 1], alone.draw(80, [[True]] * 3).spike[:, 0])
 
 
-# --- on the bench ------------------------------------------------------------------------------------------------------
+# --- on the bench -----------------------------------------------------------------------------------------------------
 
 
 def run(values):

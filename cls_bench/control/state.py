@@ -54,7 +54,7 @@ CONTROLLER = np.dtype(
 
 
 def configure(design_record: Any, control: Any, p: Parameters) -> None:
-    """Put what follows into the record ``design_record``; of ``p`` only what :data:`CONTROL` and the rates hold is used.
+    """Put what follows into the record ``design_record``; of ``p`` no more is used than :data:`CONTROL` and the rates.
 
     ``control`` is the record of the parameters. Raises ValueError if the linkage of the nameplate cannot be closed.
     """

@@ -6,8 +6,7 @@ from typing import Literal
 from pydantic import model_validator
 
 from cls_bench.kinematics import FourBar
-from cls_bench.parameters.quantity import DEG, RPM, Section, quantity
-
+from cls_bench.parameters.quantity import RPM, Section, quantity
 
 WIDEST = 3.0
 """No angle of a control is beyond this [rad]."""
@@ -140,7 +139,8 @@ class Drive(Section):
         "thesis 3.6.1: a further option; with it the outer loop is stable down to I_fcs 0.11", live=True,
     )
     feed_forward_inertia: bool = quantity(
-        False, "1", "feed nameplate.load_inertia × set acceleration forward to the current controller", "thesis 3.6.1", live=True
+        False, "1", "feed nameplate.load_inertia × set acceleration forward to the current controller", "thesis 3.6.1",
+        live=True,
     )
     feed_forward_pilot: bool = quantity(
         False, "1", "feed the measured pilot torque forward to the current controller", "thesis 3.6.1", live=True

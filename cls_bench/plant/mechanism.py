@@ -55,7 +55,7 @@ def act(
 
 
 REMEMBERED = ("current", "temperature", "zero", "crept", "amplified")
-"""What the plant remembers besides MuJoCo's motion and may lose without losing that: the drive trips, and it is gone."""
+"""What the plant remembers besides MuJoCo's motion, and may lose without losing that where the drive trips of it."""
 
 
 @compiled
