@@ -375,7 +375,8 @@ def run_info(scenario: Scenario, bench: Bench, controller: Mapping[str, bytes | 
         metadata={
             **scenario.the_rig.metadata, "title": scenario.title, "seed": str(scenario.seed),
             "overrides": json.dumps(scenario.overrides),
-            **({"notes": "\n".join(scenario.notes)} if scenario.notes else {}), "units": "SI; radians", "commit": _commit(), **{name: utf8(text) for name, text in about.items()},
+            **({"notes": "\n".join(scenario.notes)} if scenario.notes else {}),
+            "units": "SI; radians", "commit": _commit(), **{name: utf8(text) for name, text in about.items()},
             **versions(),
         },
         wall_start=dt.datetime.now(dt.UTC).isoformat(timespec="milliseconds"),

@@ -56,7 +56,8 @@ class Hand(NamedTuple):
 
     def part(self, first: int, ticks: int) -> "Hand":
         """Some consecutive ticks of it, without a copy."""
-        return Hand(*[values[first : first + ticks] for values in self])
+        fields: list[Any] = [values[first : first + ticks] for values in self]
+        return Hand(*fields)
 
 
 class Watched(NamedTuple):
