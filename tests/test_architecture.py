@@ -52,7 +52,8 @@ def test_the_table_leaves_nothing_out() -> None:
 
 
 def test_the_layers_are_those_that_are_checked() -> None:
-    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"]["contracts"]
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    contracts = project["tool"]["importlinter"]["contracts"]
     (layers,) = [contract["layers"] for contract in contracts if contract["type"] == "layers"]
     shown = section("Who may import whom").split("```")[1].strip().splitlines()
     assert shown == layers
