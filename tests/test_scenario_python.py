@@ -50,9 +50,8 @@ hand = [
   {at = 0.0, kind = "hold", angle_deg = 1.0},
   {at = 0.1, kind = "ramp", to_deg = 3.0, over = 0.1, smooth = true},
   {at = 0.2, kind = "step", to_N = 4.0},
-  {at = 0.3, kind = "sine", amplitude_N = 4.0, offset_N = 1.0, frequency = 9.0, phase_deg = 90.0, cycles = 1.0,
-   fade = 0.02},
-  {at = 0.4, kind = "chirp", amplitude_deg = 5.0, from_hz = 5.0, to_hz = 20.0, over = 0.1, sweep = "log"},
+  {at = 0.3, kind = "sine", amplitude_N = 4.0, offset_N = 1.0, frequency = 9.0, phase_deg = 90.0, cycles = 1.0},
+  {at = 0.4, kind = "chirp", amplitude_deg = 5.0, from_hz = 5.0, to_hz = 20.0, over = 0.1, fade = 0.02},
   {at = 0.55, kind = "release"},
 ]
 squeeze = [{at = 0.1, value = 0.5, over = 0.1}, {at = 0.3, value = 1}]
@@ -81,8 +80,8 @@ TYPED = Scenario(
         Hold(at=0.0, angle_deg=1.0),
         Ramp(at=0.1, to_deg=3.0, over=0.1, smooth=True),
         Step(at=0.2, to_N=4.0),
-        Sine(at=0.3, amplitude_N=4.0, offset_N=1.0, frequency=9.0, phase_deg=90.0, cycles=1.0, fade=0.02),
-        Chirp(at=0.4, amplitude_deg=5.0, from_hz=5.0, to_hz=20.0, over=0.1, sweep="log"),
+        Sine(at=0.3, amplitude_N=4.0, offset_N=1.0, frequency=9.0, phase_deg=90.0, cycles=1.0),
+        Chirp(at=0.4, amplitude_deg=5.0, from_hz=5.0, to_hz=20.0, over=0.1, fade=0.02),
         Release(at=0.55),
     ],
     squeeze=[Squeeze(at=0.1, value=0.5, over=0.1), Squeeze(at=0.3, value=1)],
