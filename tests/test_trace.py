@@ -19,7 +19,7 @@ from cls_bench.drivers import scripted
 from cls_bench.parameters import GearStage, Parameters
 from cls_bench.scenario import parse_scenario
 from cls_bench.signals import CLOCK, MOST_STAGES, TOPIC, TOPICS, topics
-from cls_bench.trace import Buffers, Trace
+from cls_bench.trace import Buffers, Trace, tables
 from tests.running import advanced
 
 CYCLE = 8
@@ -216,10 +216,9 @@ def test_fields_follow_from_the_table() -> None:
 
 
 def test_a_row_is_nan_until_it_is_written() -> None:
-    room = Buffers(CLOCK, 1, 3, 8, 16)
-    trace = room.part(8, 16)
+    trace = Buffers(CLOCK, 1, 3, 8, 16).part(8, 16)
     trace.drive["voltage"][2, 0] = 5.0
-    found = room.tables([topics()], 8, 16)
+    found = tables(trace, [topics()], 8, 16)
     assert list(found) == [topic.path for topic in topics()]
     assert found["/drive"].shape == (4, 8)
     assert found["/drive"][2, TOPIC["/drive"].names.index("voltage")] == 5.0
@@ -261,14 +260,14 @@ def test_what_a_rig_has_not_is_not_handed_on(stages: int) -> None:
 
 def test_a_signal_that_nothing_writes_ends_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
     """What a declared and forgotten signal would look like: its column stays NaN."""
-    whole = Buffers.tables
+    whole = bench_module.tables
 
     def forgetful(*arguments: Any) -> Any:
         found = dict(whole(*arguments))
         found["/feel"][:, 1] = np.nan
         return found
 
-    monkeypatch.setattr(Buffers, "tables", forgetful)
+    monkeypatch.setattr(bench_module, "tables", forgetful)
     scenario = parse_scenario(SWAY)
     with pytest.raises(bench_module.DivergedError, match=r"recorded signal /feel\.angle is not finite"):
         list(scripted.run(Bench(scenario.parameters_at_start()), scenario))
