@@ -84,6 +84,7 @@ def test_each_section_belongs_to_one_side():
         ("gearbox", {"efficiency": 0.99}, "not permitted"),
         ("gearbox", {"stages": 4}, "less than or equal to 3"),
         ("gearbox", {"stage2": {"efficiency": 1.01}}, "less than or equal to 1"),
+        ("gearbox", {"stage2": {"backdrive_efficiency": -11.0}}, "greater than or equal to -10"),
         ("gearbox", {"stage1": {"kind": "cycloid"}}, "Input should be 'planetary', 'spur', 'belt' or 'worm'"),
         ("nameplate", {"gear_ratio": 0.0}, "greater than or equal"),
         ("nameplate", {"rod": 0.02}, "nameplate: crank, rod and arm: the linkage cannot be closed"),
@@ -107,15 +108,17 @@ def test_values_are_checked_on_assignment_too():
     assert p.motor.resistance == 6.0
 
 
-@pytest.mark.parametrize("overall", [0.7, 0.85, 0.9])
-def test_mesh_efficiency_gives_the_overall_one_at_rated_torque(overall):
-    """Two stages one after the other, written out as losses over the torque that is handed on."""
-    drags, ratios = (0.055, 0.125), (5.0, 5.0)
+@pytest.mark.parametrize("overall", [0.6, 0.7, 0.85, 0.9])
+@pytest.mark.parametrize(("drags", "ratios"), [
+    ((0.055, 0.125), (5.0, 5.0)), ((0.02,), (10.0,)), ((0.01, 0.02, 0.05), (2.0, 3.0, 4.5)),
+])  # fmt: skip
+def test_mesh_efficiency_gives_the_overall_one_at_rated_torque(overall, drags, ratios):
+    """Stages one after the other, written out as losses over the torque that is handed on."""
     loss = 1.0 / mesh_efficiency(overall, 1.0, drags, ratios) - 1.0
     torque = 1.0
     for drag, ratio in zip(drags, ratios, strict=True):
         torque = (torque - drag) / (1 + loss) * ratio
-    assert torque == pytest.approx(overall * 25.0)
+    assert torque == pytest.approx(overall * math.prod(ratios))
 
 
 def test_an_efficiency_that_drag_alone_forbids_is_refused():
@@ -128,6 +131,7 @@ def test_the_default_gearbox_has_the_data_sheets_efficiency():
     torque = 1.0
     for stage in Parameters().gearbox.in_use:
         torque = (torque - stage.drag) * stage.ratio * stage.efficiency
+        assert 1.0 - stage.backdrive_efficiency == pytest.approx(1.5 * (1.0 / stage.efficiency - 1.0))
     assert torque == pytest.approx(0.85 * 25.0)
 
 
