@@ -281,17 +281,24 @@ class Bench:
         self, parameters: Parameters | None = None, *, mode: str | None = None, power: str | None = None,
         axis: str = "",
     ) -> None:  # fmt: skip
-        """Change live parameters of an axis, its drive's mode or power, from the next tick on; the log says so."""
+        """Change live parameters of an axis, its drive's mode or power, from the next tick on; the log says so.
+
+        Raises InputError, and changes nothing, for a parameter that is not live and a mode or power that is none.
+        """
         changed = self._named(axis)
         state_record = changed.record.controller.state
+        for name, value, valid in (("mode", mode, servo.MODES), ("power", power, ("on", "off"))):
+            if value is not None and value not in valid:
+                raise InputError(f"{name} {value!r} is not valid; give one of {', '.join(valid)}")
         said = []
         if parameters is not None:
-            said += [
-                f"{key} = {value}" + ("" if info["unit"] == "1" else f" {info['unit']}")
-                for (key, value, info), (_, old, _) in zip(
-                    leaves(parameters), leaves(self.parameters_of[axis]), strict=True
-                ) if value != old
-            ]  # fmt: skip
+            for (key, new, info), (_, old, _) in zip(
+                leaves(parameters), leaves(self.parameters_of[axis]), strict=True
+            ):  # fmt: skip
+                if new != old:
+                    if not info["live"]:
+                        raise InputError(f"parameters.{key}: holds for the whole run; reset the bench with another")
+                    said.append(f"{key} = {new}" + ("" if info["unit"] == "1" else f" {info['unit']}"))
             self._apply(changed, parameters)
         if mode is not None:
             state_record.servo.mode = servo.MODES.index(mode)

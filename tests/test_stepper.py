@@ -306,6 +306,25 @@ def test_a_change_of_a_live_parameter_says_what_and_from_when():
     assert bench.parameters.limb.mass == 4.0
 
 
+@pytest.mark.parametrize(("parts", "says"), [
+    ({"parameters": {"feel.inertia": 0.5, "gearbox.stages": 1}},
+     "parameters.gearbox.stages: holds for the whole run; reset the bench with another"),
+    ({"parameters": {"motor.resistance": 5.0}}, "parameters.motor.resistance: holds for the whole run"),
+    ({"parameters": {"feel.inertia": 0.5}, "mode": "force"},
+     "mode 'force' is not valid; give one of position, velocity, torque, off"),
+    ({"mode": "torque", "power": "onn"}, "power 'onn' is not valid; give one of on, off"),
+])  # fmt: skip
+def test_a_change_that_cannot_be_made_changes_nothing(fresh, parts, says):
+    bench = Bench(Parameters(), seed=3)
+    given = dict(parts)
+    if "parameters" in given:
+        given["parameters"] = parameters(given["parameters"])
+    with pytest.raises(InputError) as refused:
+        bench.change(**given)
+    assert says in str(refused.value)
+    same(whole(bench), fresh)
+
+
 def test_a_change_at_the_start_is_another_start():
     heavy = parameters({"limb.mass": 4.0, "feel.inertia": 0.5, "load_cell.noise": 0.2})
     made, bench = Bench(heavy, seed=3), Bench(parameters({"load_cell.noise": 0.2}), seed=3)
