@@ -134,6 +134,15 @@ def test_after_a_reset_it_is_as_if_made_anew(past, fresh, monkeypatch):
     same(whole(bench), fresh)
 
 
+def test_a_limit_that_was_reached_is_over_with_the_run():
+    """What the log had open at the reset is never told of in the run that follows."""
+    fresh = whole(Bench(Parameters()), 0.5)
+    bench = Bench(Parameters())
+    a_trip(bench)
+    bench.reset()
+    same(whole(bench, 0.5), fresh)
+
+
 def test_a_reset_is_no_more_than_a_reset(fresh):
     """Twice is once, and right after making it is nothing."""
     bench = Bench(Parameters(), seed=3)
