@@ -25,7 +25,7 @@ from cls_bench.parameters.plant import (
     Potentiometer,
     mesh_efficiency,
 )
-from cls_bench.parameters.quantity import ARCMIN, DEG, GRAVITY, RPM, Section, leaves, quantity
+from cls_bench.parameters.quantity import ARCMIN, DEG, GRAVITY, RPM, Section, leaves
 from cls_bench.parameters.rates import Rates, Simulation
 from cls_bench.parameters.record import kind_of, memory_of, record_of
 

@@ -66,7 +66,8 @@ class GearStage(Section):
         "thesis 3.2.2: planetary",
     )  # fmt: skip
     ratio: float = quantity(
-        5.0, "1", "turns of the input for one of the output", "thesis 3.2.2: 25 in two stages; 5 × 5 is the usual split",
+        5.0, "1", "turns of the input for one of the output",
+        "thesis 3.2.2: 25 in two stages; 5 × 5 is the usual split",
         ge=0.1, le=1000,
     )  # fmt: skip
     teeth: int = quantity(
@@ -245,7 +246,8 @@ class Linkage(Section):
         "thesis figure 3.4: horizontal", ge=-math.pi, le=math.pi,
     )  # fmt: skip
     arm_angle: float = quantity(
-        0.0, "rad", "column arm at neutral, from the vertical towards the pilot's forward", "thesis figure 3.4: vertical",
+        0.0, "rad", "column arm at neutral, from the vertical towards the pilot's forward",
+        "thesis figure 3.4: vertical",
         ge=-math.pi, le=math.pi,
     )  # fmt: skip
     crank_inertia: float = quantity(9.40e-4, "kg·m²", "crank about its axis", "thesis table 3.3", ge=1e-8, le=10)
@@ -332,7 +334,8 @@ class LoadCell(Section):
         0.0, "1/s", "mean number of spikes in a second", "chosen: none", ge=0, le=1e4, live=True
     )
     wire: Literal["whole", "supply_broken", "signal_broken"] = quantity(
-        "whole", "1", "its cable; without supply it shows 0, with a broken signal wire the amplifier runs to full scale",
+        "whole", "1",
+        "its cable; without supply it shows 0, with a broken signal wire the amplifier runs to full scale",
         "chosen: whole", live=True,
     )  # fmt: skip
 
