@@ -272,11 +272,12 @@ class _Auditor:
         audit.work["motor"] += float(np.sum(motor)) * step
         audit.work["hand"] += float(np.sum(hand)) * step
         audit.throughput += float(np.sum(np.abs(motor) + np.abs(hand))) * step
-        current = s["motor_current"]
-        audit.copper_loss += p.motor.resistance * float(np.sum(current[1:-2] ** 2)) * step
-        between = 0.25 * (current[:-3] + 2.0 * current[1:-2] + current[2:-1])
-        audit.electrical += float(np.sum(now("motor_voltage") * between)) * step
-        magnetic = 0.5 * p.motor.inductance * current**2
+        # Voltage and current from tick to tick: the voltage is held, the current runs from one value to the next.
+        voltage, before, after = s["motor_voltage"][:-1], s["motor_current"][:-1], s["motor_current"][1:]
+        heat = p.motor.resistance * (before**2 + before * after + after**2) / 3.0
+        audit.copper_loss += _about_ticks(heat) * step
+        audit.electrical += _about_ticks(voltage * 0.5 * (before + after)) * step
+        magnetic = 0.5 * p.motor.inductance * s["motor_current"] ** 2
         audit.inductance += 0.5 * float(magnetic[-3] + magnetic[-2] - magnetic[0] - magnetic[1])
 
         stop, elastic = self._stop(s["column"], s["speed"])
@@ -350,6 +351,11 @@ class _Auditor:
 
 def _joined(before: dict[str, Array], new: dict[str, Array]) -> dict[str, Array]:
     return {name: np.concatenate((before[name], new[name])) for name in new} if before else new
+
+
+def _about_ticks(between: Array) -> float:
+    """Sum of what lies ``between`` ticks from half a tick before to half a tick after each that is audited."""
+    return 0.5 * float(np.sum(between[:-2]) + np.sum(between[1:-1]))
 
 
 def _deflection(stage: GearStage, before: Array, behind: Array) -> Array:
