@@ -199,14 +199,15 @@ class _Auditor:
         self.column_inertia = p.column.inertia + end * arm**2
         self.inertias = [p.motor.rotor_inertia + p.gearbox.input_inertia, *(stage.inertia for stage in self.stages)]
         """of each shaft, from the motor's to the crank's [kg·m²]"""
-        self.inertias[-1] += p.linkage.crank_inertia + at_crank * p.linkage.four_bar.crank ** 2
+        self.inertias[-1] += p.linkage.crank_inertia + at_crank * p.linkage.four_bar.crank**2
 
     def add(self, block: Block) -> None:
         """Take in the next block."""
         if not self.ticks:
             self.first_tick = block.first_tick
         elif block.first_tick != self.first_tick + len(self.ticks["column"]):
-            raise InputError(f"the run cannot be audited: before {block.clock.time(block.first_tick):.4f} s ticks are lost")
+            at = self.clock.time(block.first_tick)
+            raise InputError(f"the run cannot be audited: before {at:.4f} s ticks are lost")
         self.ticks = _joined(self.ticks, self._signals(block))
         self.rows = _joined(self.rows, self._rows(block))
         if len(self.rows["tick"]):
@@ -242,6 +243,7 @@ class _Auditor:
     def _signals(self, block: Block) -> dict[str, Array]:
         """What is known of every tick of the block but what has rows of its own."""
         p, step = self.p, self.clock.tick_s
+        phi, speed = self._column(block, "/column.angle"), self._column(block, "/column.velocity")
         force = self._column(block, "/load_cell.force")
         # Force = c s + d (s − s before)/h, solved for the stretch s.
         dash = self.cell_damping / step
@@ -249,11 +251,10 @@ class _Auditor:
         if self.filter is None:
             self.filter = force[:1] / p.load_cell.stiffness * dash / total
         stretch, self.filter = lfilter([1.0 / total], [1.0, -dash / total], force, zi=self.filter)
-        phi, speed = self._column(block, "/column.angle"), self._column(block, "/column.velocity")
         psi, far_x, far_z = self.linkage.crank(phi, stretch)
-        bearing = np.empty(len(phi))
+        bearing, bristle_stiffness = np.empty(len(phi)), p.column.bristle_stiffness
         self.bristle = _bearing_friction(
-            speed, self.bristle, p.column.bristle_stiffness, 0.2 * math.sqrt(p.column.bristle_stiffness * self.column_inertia),
+            speed, self.bristle, bristle_stiffness, 0.2 * math.sqrt(bristle_stiffness * self.column_inertia),
             max(p.column.coulomb_friction, 1e-9), _BEARING_STRIBECK, step, bearing,
         )  # fmt: skip
         found = {
@@ -408,11 +409,10 @@ def _joined(before: dict[str, Array], new: dict[str, Array]) -> dict[str, Array]
 
 def _of_squeeze(loose: float, tight: float, squeeze: Array) -> Array:
     """Stiffness or damping of the grip: logarithmic from loose to tight, linear from or to nought; 0 of a hand off."""
-    if loose > 0.0 and tight > 0.0:
-        held = loose * (tight / loose) ** squeeze
-    else:
-        held = loose + squeeze * (tight - loose)
-    return np.where(squeeze < 0.0, 0.0, held)
+    both = loose > 0.0 and tight > 0.0
+    return np.where(
+        squeeze < 0.0, 0.0, loose * (tight / loose) ** squeeze if both else loose + squeeze * (tight - loose)
+    )
 
 
 def _about_ticks(between: Array) -> float:

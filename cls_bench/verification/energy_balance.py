@@ -7,7 +7,7 @@ from cls_bench.bench import Bench
 from cls_bench.drivers import scripted
 from cls_bench.parameters import ARCMIN, DEG, Gearbox, GearStage, Linkage, Parameters
 from cls_bench.pilot import HandTimeline
-from cls_bench.scenario import DriveStart, Ramp, Release, Scenario, Sine, Squeeze, Step
+from cls_bench.scenario import DriveStart, Ramp, Release, Scenario, Segment, Sine, Squeeze, Step
 from cls_bench.signals import Block
 from cls_bench.verification.row import Row
 from cls_bench.verification.subject import Subject
@@ -16,7 +16,7 @@ GROUP = "energy"
 
 OFF = DriveStart(power="off")
 
-SWEEP = [Sine(at=0.0, amplitude_deg=10.0, frequency=0.7, fade=0.5)]
+SWEEP: list[Segment] = [Sine(at=0.0, amplitude_deg=10.0, frequency=0.7, fade=0.5)]
 
 RUNS = (
     Scenario(title="hand sweeps ±10°, drive on", seed=1, duration=3.0, hand=SWEEP),
@@ -52,21 +52,21 @@ FELT = Scenario(
 
 def any_stages() -> Parameters:
     """Three stages of three kinds, each with all that a stage can have, and a motor that cogs."""
-    stages = {
-        "stage1": GearStage(
+    p = Parameters(gearbox=Gearbox(
+        stages=3,
+        stage1=GearStage(
             kind="spur", ratio=2.5, teeth=17, inertia=6e-5, stiffness=1.0 / ARCMIN, backlash=4.0 * ARCMIN, drag=0.02,
             drag_ratio=1.5, efficiency=0.97, backdrive_efficiency=0.96, transmission_error=0.5 * ARCMIN,
         ),
-        "stage2": GearStage(
+        stage2=GearStage(
             kind="belt", ratio=2.0, teeth=0, inertia=1e-4, stiffness=2.0 / ARCMIN, damping_ratio=0.1, drag=0.03,
             drag_ratio=0.7, efficiency=0.98, backdrive_efficiency=0.98,
         ),
-        "stage3": GearStage(
+        stage3=GearStage(
             kind="planetary", ratio=4.25, inertia=2e-4, stiffness=6.0 / ARCMIN, backlash=3.0 * ARCMIN, drag=0.1,
             efficiency=0.95, backdrive_efficiency=0.93, transmission_error=0.3 * ARCMIN,
         ),
-    }  # fmt: skip
-    p = Parameters(gearbox=Gearbox(stages=3, **stages))
+    ))  # fmt: skip
     motor = p.motor.model_copy(update={"cogging_amplitude": 0.01})
     return p.model_copy(update={"motor": motor}).with_nameplate()
 

@@ -69,7 +69,9 @@ def random_parameters(draw: Draw, *, bold: float) -> Parameters:
     plant = rig.model_copy(update={name: _scattered(getattr(rig, name), draw, bold) for name in PLANT}).with_nameplate()
     others = [name for name in type(rig).model_fields if name not in (*PLANT, "rates")]
     values = {name: _scattered(getattr(plant, name), draw, bold) for name in others}
-    return Parameters(**{name: getattr(plant, name) for name in PLANT}, **values, rates=_rates(draw, bold))
+    return Parameters.model_validate(
+        {**{name: getattr(plant, name) for name in PLANT}, **values, "rates": _rates(draw, bold)}
+    )
 
 
 def _scattered(section: Section, draw: Draw, bold: float) -> Section:
