@@ -165,7 +165,7 @@ class _Chain:
             one, other = self.shafts[k] * stage.ratio**2, self.shafts[k + 1]
             damping = 2.0 * stage.damping_ratio * math.sqrt(stage.stiffness * one * other / (one + other))
             slope = stage.transmission_error * stage.teeth
-            behind = 1.0 + (slope if stage.kind == "planetary" else 0.0)
+            behind = 1.0 + (slope if stage.carried else 0.0)
             lever = self.lever({k: 1.0 / stage.ratio + slope, k + 1: -behind})
             passing = 0.5 if stage.drag > 0.0 and stage.drag_ratio < 1.0 else 0.0  # of one drag into the other
             loss = (1.0 / stage.efficiency - 1.0 + passing) * (1.0 + stage.ripple)

@@ -53,7 +53,7 @@ def configure(mechanism: Any, p: Parameters) -> None:
     for k, stage in enumerate(box.in_use):
         row = mechanism.stage[k]
         row["ratio"], row["teeth"] = stage.ratio, stage.teeth
-        row["carried"] = float(stage.kind == "planetary")
+        row["carried"] = float(stage.carried)
         row["stiffness"], row["half_backlash"] = stage.stiffness, 0.5 * stage.backlash
         row["damping"] = mesh_damping(stage, inertias[k], inertias[k + 1])
         row["error"], row["ripple"] = stage.transmission_error, stage.ripple
@@ -63,7 +63,10 @@ def configure(mechanism: Any, p: Parameters) -> None:
 
 @compiled
 def friction_level(stage: Any, bristle: float, torque: float, mesh: float) -> float:
-    """Coulomb friction [N·m] at the input shaft, for a ``bristle`` bent with the friction, and the sine of the phase."""
+    """Coulomb friction [N·m] at the input shaft under the mesh's ``torque``; ``mesh`` is the sine of its phase.
+
+    The ``bristle`` is bent the way in which the friction acts.
+    """
     backdriven = bristle * torque < 0.0  # friction opposes the load's way
     loss = stage.loss_backdriven if backdriven else stage.loss
     drag, change = stage.drag, stage.drag_backdriven - stage.drag
