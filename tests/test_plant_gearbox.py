@@ -315,11 +315,13 @@ def test_self_locking_holds_any_load_wherever_the_stage_is(place, load):
         box = [*stages[: place - 1], worm, *stages[place:]]
         gears = alone(with_stages(*(s.model_copy(update={"drag": 0.0}) for s in box)))
         settle(gears, 0.0, load, 1.0)
-        record = gears.run(gears.times(0.2), {"crank": load}, feedback={"crank": Feedback(damping=0.5)})
+        damped = {"crank": Feedback(damping=0.5)}
+        gears.run(gears.times(0.8), {"crank": load}, feedback=damped)  # rung out
+        record = gears.run(gears.times(0.2), {"crank": load}, feedback=damped)
         worm_input = record.angle[gears.shafts[place - 1]]
         return float(worm_input[-1] - worm_input[0]) / 0.2
 
-    assert abs(creep(-0.2)) < 1e-5
+    assert abs(creep(-0.2)) < 1e-6
     assert creep(0.5) > 1.0
 
 
