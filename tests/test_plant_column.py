@@ -94,8 +94,8 @@ def test_unbalance_is_what_gravity_does(name):
     """Torque of all weights on the column at rest, by free-body statics, and the line the PLC subtracts for it.
 
     The far share of the rod's mass leans on the column's pin across the rod, and on the crank's pin along it. The PLC's
-    line, and that it takes the whole of that weight as the column's, cost 0.021 N·m at full travel where arm and rod stand upright
-    and level at neutral.
+    line, and that it takes the whole of that weight as the column's, cost 0.021 N·m at full travel where arm and rod
+    stand upright and level at neutral.
     """
     p = rigs()[name]
     bar, (_, far, end), c = p.linkage.four_bar, p.linkage.masses, p.column

@@ -174,7 +174,7 @@ def test_friction_ripples_with_the_tooth_passing_frequency(kind):
 
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "belt"])
 def test_transmission_error_shows_at_the_output(kind):
-    """Without play and friction, turned slowly: the crank runs ahead and behind by the error, as often as teeth pass."""
+    """Without play and friction, turned slowly: the crank runs ahead and behind by the error, tooth by tooth."""
     quiet = GearStage(ratio=5.0, stiffness=6.0 / ARCMIN, ripple=0.0)
     wavy = quiet.model_copy(update={"kind": kind, "teeth": 18, "transmission_error": 0.4 * ARCMIN})
     gears = alone(heavy(with_stages(wavy, quiet)))
@@ -288,7 +288,7 @@ def test_two_drags_pass_into_each_other(drag_ratio, way):
 
 
 def brake(p: Parameters, speed: float, torque: float) -> float:
-    """Mean friction [N·m] of stage 1 at its input while the motor turns at ``speed`` against ``torque`` at the crank."""
+    """Mean friction [N·m] of stage 1 while the motor turns at ``speed`` [rad/s] against ``torque`` [N·m] at the crank."""
     gears = alone(heavy(p))
     gears.push(motor=speed, crank=speed / p.gearbox.ratio)
     record = gears.run(gears.times(0.1), {"crank": -torque})
@@ -327,7 +327,7 @@ def test_self_locking_holds_any_load_wherever_the_stage_is(place, load):
 
 @pytest.mark.parametrize("name", list(rigs()))
 def test_the_crank_follows_the_motor_by_the_ratio(name):
-    """Any number of stages, none included: the motor turned by 2 rad, and what play and give leave of it at the crank."""
+    """Any number of stages, none included: the motor turned by 2 rad, and what play and give leave of it."""
     p = rigs()[name]
     gears = alone(p)
     assert gears.shafts == ({0: ("crank",), 1: ("motor", "crank")}.get(p.gearbox.stages) or
@@ -362,7 +362,8 @@ def test_a_gear_without_any_drag_is_finite():
 # --- the whole bench ---
 
 STATIC = """
-hand = [{at = 0.0, kind = "ramp", to_deg = -5.0, over = 0.5, smooth = true}, {at = 1.0, kind = "ramp", to_deg = 5.0, over = 2.5},
+hand = [{at = 0.0, kind = "ramp", to_deg = -5.0, over = 0.5, smooth = true},
+        {at = 1.0, kind = "ramp", to_deg = 5.0, over = 2.5},
         {at = 4.0, kind = "ramp", to_deg = -5.0, over = 2.5}]
 squeeze = [{at = 0.0, value = 1.0}]
 changes = [{at = 0.0, mode = "torque"}, {at = 0.8, parameters = {"drive.set_torque" = 1.0}}]
