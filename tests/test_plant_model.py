@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from cls_bench.bench import Bench
-from cls_bench.kinematics import FourBar, crank_from_column, crank_ratio, rod_angle
+from cls_bench.kinematics import crank_from_column, crank_ratio, rod_angle
 from cls_bench.parameters import Gearbox, Linkage, Parameters, Simulation
 from cls_bench.plant import mjcf, mechanism, shapes
 from cls_bench.plant import model as plant_model
@@ -171,18 +171,22 @@ def arrays(struct: object) -> dict[str, object]:
 
 
 def test_the_numbers_in_the_mjcf_are_the_defaults():
-    """What is drawn from the parameters of the thesis's rig is what the file says, array by array."""
+    """What is drawn from the parameters of the thesis's rig is what the file says, array by array.
+
+    Shapes come in another order, as the scene has the floor last.
+    """
     file = mujoco.MjModel.from_xml_path(str(model_folder() / "scene.xml"))
     made = mjcf.build_spec(P).compile()
+    shown = [made.geom(k).name for k in range(made.ngeom)]
+    there = [file.geom(k).name for k in range(file.ngeom)]
+    assert sorted(shown) == sorted(there) and len(set(shown)) == len(shown)
+    order = [there.index(name) for name in shown]
     for name, expected in {**arrays(made), **arrays(made.opt)}.items():
+        if name in ("name_geomadr", "names_map"):
+            continue
         found = getattr(file, name) if hasattr(file, name) else getattr(file.opt, name)
+        found = found[order] if name.startswith("geom_") else found
         np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-12, err_msg=name)
-
-
-def closes(model: mujoco.MjModel, data: mujoco.MjData, bar: FourBar, prefix: str = "") -> float:
-    """How far [m] the two ends of the rod are from each other."""
-    mujoco.mj_forward(model, data)
-    return float(np.abs(data.efc_pos[: data.nefc]).max())
 
 
 @pytest.mark.parametrize("name", RIGS)
@@ -232,7 +236,8 @@ def test_the_drawn_linkage_closes_at_the_closed_form(name):
         data.joint("crank" if p.gearbox.stages else "motor").qpos = crank
         data.joint("rod").qpos = rod_angle(bar, crank, column) - bar.rod_angle - crank
         data.joint("column").qpos = column
-        assert closes(model, data, bar) < 1e-9
+        mujoco.mj_forward(model, data)
+        assert np.abs(data.efc_pos[: data.nefc]).max() < 1e-9
 
 
 def torques(p: Parameters, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -241,14 +246,15 @@ def torques(p: Parameters, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     ratio = p.gearbox.ratio * abs(crank_ratio(p.linkage.four_bar, 0.0, 0.0))
     inertia = at_motor(p)
     motor = (1.2 * sum(s.drag for s in p.gearbox.in_use) + 40.0 * inertia * ratio) * np.sin(2 * np.pi * 7.0 * time)
-    return motor * grown, 0.4 * motor * ratio * np.roll(grown, 0) * np.cos(2 * np.pi * 3.0 * time)
+    return motor * grown, 0.4 * motor * ratio * grown * np.cos(2 * np.pi * 3.0 * time)
 
 
 @pytest.mark.parametrize("name", list(verified.rigs()))
 def test_the_drawn_model_goes_where_the_stepped_one_goes(name):
     """MuJoCo's own elements (closing constraint, tendons, LuGre actuators) against the compiled laws, for 0.1 s.
 
-    Both driven by the same torques, in steps of 6 µs; the column's angle within a thousandth of its swing and 5 µrad.
+    Both driven by the same torques, in steps of 6 µs; the column's angle within half a thousandth of its swing: the
+    worm, through whose play it swings, takes most, the others a twentieth of it.
     """
     p = verified.rigs()[name].model_copy(update={"simulation": Simulation(substeps=8)})
     stepped, drawn = Specimen(p), Twin(p)
@@ -259,8 +265,7 @@ def test_the_drawn_model_goes_where_the_stepped_one_goes(name):
     found = stepped.run(time, {shaft: motor, "column": hand}).angle["column"]
     expected = drawn.run(motor, hand)
     assert np.ptp(expected) > 0.01
-    print("TWIN", name, np.abs(found - expected).max(), np.ptp(expected))
-    assert np.abs(found - expected).max() < 5e-6 + 1e-3 * np.ptp(expected)
+    assert np.abs(found - expected).max() < 5e-4 * np.ptp(expected)
 
 
 def test_rigs_stand_side_by_side():
