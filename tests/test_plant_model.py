@@ -319,7 +319,7 @@ def test_poses_are_those_of_the_drawn_bodies(name):
             which = shafts["crank"] if by == "motor" and len(shafts) == 1 else shafts.get(by, -1)
             which = mechanism.ANGLES.index(by) if which < 0 else which
             angle, dx, dz = mechanism.pose(rig.plant, rig.truth, which)
-            where = np.array(body.position) + [dx, 0.0, dz]
+            where = np.add(body.position, (dx, 0.0, dz))
             np.testing.assert_allclose(data.body(body.name).xpos, where, atol=1e-9, err_msg=body.name)
             quaternion = np.zeros(4)
             mujoco.mju_mulQuat(

@@ -1,7 +1,8 @@
 """Sensors: resolution, range, noise, filter and faults of all that control may know."""
 
 import math
-from types import SimpleNamespace
+from collections.abc import Mapping
+from types import MappingProxyType, SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ NO_NOISE = {"load_cell.noise": 0.0, "encoder.noise": 0.0, "potentiometer.noise":
 QUIET = parameters(NO_NOISE)
 
 
-def quiet(values: dict[str, Any] = {}, **cell: Any) -> Parameters:
+def quiet(values: Mapping[str, Any] = MappingProxyType({}), **cell: Any) -> Parameters:
     return parameters({**NO_NOISE, **values, **{f"load_cell.{name}": value for name, value in cell.items()}})
 
 

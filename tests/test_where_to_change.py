@@ -36,7 +36,8 @@ CRANK_SENSOR: Edits = {
         ('"encoder", "potentiometer")', '"encoder", "potentiometer", "crank_potentiometer")'),
     ],
     "plant/sensors.py": [
-        ('        ("switch_forward", np.int64),', '        ("crank", np.float64),\n        ("switch_forward", np.int64),'),
+        ('        ("switch_forward", np.int64),',
+         '        ("crank", np.float64),\n        ("switch_forward", np.int64),'),
         ('NORMAL = ("encoder", "load_cell", "potentiometer")',
          'NORMAL = ("encoder", "crank", "load_cell", "potentiometer")'),
         ("    encoder: NDArray[np.float64]\n", "    encoder: NDArray[np.float64]\n    crank: NDArray[np.float64]\n"),
