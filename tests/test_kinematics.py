@@ -108,7 +108,7 @@ def test_the_way_back_transforms_accelerations_too():
 
 @pytest.fixture
 def linkage() -> Specimen:
-    """Crank and column as they are stepped, coupled by the rod alone, which has no damping: its force is its stretch."""
+    """Crank and column as they are stepped, coupled by the rod alone; without damping its force is its stretch."""
     return Specimen(parameters({"load_cell.damping_ratio": 0.0}), ("crank", "column"), ("stage1", "stage2", "bearing"))
 
 

@@ -288,7 +288,7 @@ def test_two_drags_pass_into_each_other(drag_ratio, way):
 
 
 def brake(p: Parameters, speed: float, torque: float) -> float:
-    """Mean friction [N·m] of stage 1 while the motor turns at ``speed`` [rad/s] against ``torque`` [N·m] at the crank."""
+    """Mean friction [N·m] of stage 1, its motor turning at ``speed`` [rad/s] against ``torque`` [N·m] at the crank."""
     gears = alone(heavy(p))
     gears.push(motor=speed, crank=speed / p.gearbox.ratio)
     record = gears.run(gears.times(0.1), {"crank": -torque})

@@ -12,7 +12,7 @@ import pytest
 from cls_bench.bench import Bench
 from cls_bench.kinematics import crank_from_column, crank_ratio, rod_angle
 from cls_bench.parameters import Gearbox, Linkage, Parameters, Simulation
-from cls_bench.plant import mjcf, mechanism, shapes
+from cls_bench.plant import mechanism, mjcf, shapes
 from cls_bench.plant import model as plant_model
 from cls_bench.plant.state import JOINTS
 from cls_bench.resources import model_folder
@@ -115,7 +115,7 @@ def test_axes_are_found_by_name():
         assert model.joint(int(joints.limb)).name == f"{name}/limb"
         taken += [int(joints.column), int(joints.limb), *map(int, joints.shafts[: len(shafts)])]
     assert sorted(taken) == list(range(model.nv))
-    with pytest.raises(KeyError, match="pitch/carrier7|carrier"):
+    with pytest.raises(KeyError, match="pitch/carrier2"):
         plant_model.find_joints(plant_model.build({"pitch": P}), "pitch", 3, np.zeros(1, JOINTS).view(np.recarray)[0])
 
 
@@ -191,7 +191,7 @@ def test_the_numbers_in_the_mjcf_are_the_defaults():
 
 @pytest.mark.parametrize("name", RIGS)
 def test_the_mjcf_of_a_rig_opens_and_moves(name, tmp_path):
-    """As a file, in MuJoCo and nothing else: it steps for 0.2 s under a voltage, the linkage closed, and warns of nothing.
+    """As a file, in MuJoCo and nothing else: it steps for 0.2 s under a voltage, the linkage closed, without a warning.
 
     The column turns as the closed form says of where the crank is, within what the load cell gives.
     """
