@@ -12,14 +12,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cls_bench import bench as bench_module
-from cls_bench.bench import Bench
+from cls_bench.bench import Bench, DivergedError
 from cls_bench.control.limits import LIMITS
 from cls_bench.drivers import scripted
 from cls_bench.parameters import GearStage, Parameters
 from cls_bench.scenario import parse_scenario
 from cls_bench.signals import CLOCK, MOST_STAGES, TOPIC, TOPICS, topics
-from cls_bench.trace import Buffers, Trace, tables
+from cls_bench.trace import Buffers, Trace
 from tests.running import advanced
 
 CYCLE = 8
@@ -224,9 +223,10 @@ def test_fields_follow_from_the_table() -> None:
 
 
 def test_a_row_is_nan_until_it_is_written() -> None:
-    trace = Buffers(CLOCK, 1, 3, 8, 16).part(8, 16)
+    room = Buffers(CLOCK, 1, 3, 8, 16)
+    trace = room.part(8, 16)
     trace.drive["voltage"][2, 0] = 5.0
-    found = tables(trace, [topics()], 8, 16)
+    found = room.tables([topics()], 8, 16)
     assert list(found) == [topic.path for topic in topics()]
     assert found["/drive"].shape == (4, 8)
     assert found["/drive"][2, TOPIC["/drive"].names.index("voltage")] == 5.0
@@ -268,14 +268,14 @@ def test_what_a_rig_has_not_is_not_handed_on(stages: int) -> None:
 
 def test_a_signal_that_nothing_writes_ends_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
     """What a declared and forgotten signal would look like: its column stays NaN."""
-    whole = bench_module.tables
+    whole = Buffers.tables
 
     def forgetful(*arguments: Any) -> Any:
         found = dict(whole(*arguments))
         found["/feel"][:, 1] = np.nan
         return found
 
-    monkeypatch.setattr(bench_module, "tables", forgetful)
+    monkeypatch.setattr(Buffers, "tables", forgetful)
     scenario = parse_scenario(SWAY)
-    with pytest.raises(bench_module.DivergedError, match=r"recorded signal /feel\.angle is not finite"):
+    with pytest.raises(DivergedError, match=r"recorded signal /feel\.angle is not finite"):
         list(scripted.run(Bench(scenario.parameters_at_start()), scenario))
