@@ -249,14 +249,24 @@ def torques(p: Parameters, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return motor * grown, 0.4 * motor * ratio * grown * np.cos(2 * np.pi * 3.0 * time)
 
 
-@pytest.mark.parametrize("name", list(verified.rigs()))
+def of_two_drags(drag_ratio: float) -> Parameters:
+    """One stage that rubs less, or more, when it is back-driven."""
+    p = verified.rigs()["one stage"]
+    stage = p.gearbox.stage1.model_copy(update={"drag_ratio": drag_ratio})
+    return p.model_copy(update={"gearbox": p.gearbox.model_copy(update={"stage1": stage})})
+
+
+TWINS = {**verified.rigs(), "less drag back-driven": of_two_drags(0.2), "more drag back-driven": of_two_drags(2.5)}
+
+
+@pytest.mark.parametrize("name", TWINS)
 def test_the_drawn_model_goes_where_the_stepped_one_goes(name):
     """MuJoCo's own elements (closing constraint, tendons, LuGre actuators) against the compiled laws, for 0.1 s.
 
-    Both driven by the same torques, in steps of 6 µs; the column's angle within half a thousandth of its swing: the
-    worm, through whose play it swings, takes most, the others a twentieth of it.
+    Both driven by the same torques, in steps of 1.6 µs; the column's angle within a thousandth of its swing. The most,
+    0.6, has the gear with more drag when back-driven, and it halves with the step: MuJoCo's bristles pull a step late.
     """
-    p = verified.rigs()[name].model_copy(update={"simulation": Simulation(substeps=8)})
+    p = TWINS[name].model_copy(update={"simulation": Simulation(substeps=32)})
     stepped, drawn = Specimen(p), Twin(p)
     assert drawn.step == stepped.step
     time = stepped.times(0.1)
@@ -265,7 +275,7 @@ def test_the_drawn_model_goes_where_the_stepped_one_goes(name):
     found = stepped.run(time, {shaft: motor, "column": hand}).angle["column"]
     expected = drawn.run(motor, hand)
     assert np.ptp(expected) > 0.01
-    assert np.abs(found - expected).max() < 5e-4 * np.ptp(expected)
+    assert np.abs(found - expected).max() < 1e-3 * np.ptp(expected)
 
 
 def test_rigs_stand_side_by_side():
