@@ -282,6 +282,16 @@ def test_a_load_cell_beyond_its_range_says_so():
     assert not [event for event in run(SWAY).events if event.source == "load cell"]
 
 
+def test_a_faulty_cell_says_what_it_shows_and_not_what_is_there():
+    """A hand at rest on a cell whose zero has gone far off: full scale, by the 600 N it shows."""
+    ran = run(RESTING + changed_at_half("load_cell.offset", "600.0"), set=["load_cell.noise=0.0"])
+    begins, over = (event for event in ran.events if event.source == "load cell")
+    assert np.abs(ran["/load_cell.force"]).max() < 5.0
+    told = begins.message.removeprefix("saturated: ").removesuffix(" N on a range of 490.3 N")
+    assert float(told) == pytest.approx(600.0, abs=5.0)
+    assert over.message.endswith(f"at most {told} N")
+
+
 # --- one random stream each ---
 
 
