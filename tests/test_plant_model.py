@@ -351,3 +351,24 @@ def test_several_axes_step_as_each_does_alone():
         alone.start(power=False)
         alone.plant.qpos[int(alone.axes[0].record.truth.joints.column)] = 0.1
         np.testing.assert_array_equal(block[f"/{name}/column.angle"], alone.advance(off(800))["/column.angle"])
+
+
+@pytest.mark.parametrize(
+    "other",
+    [{"linkage.rod_column_mass": 0.15, "linkage.rod_end_mass": 0.15}, {"linkage.rod_column_mass": 0.15},
+     {"linkage.kind": "none"}, {"limb.mass": 3.0, "column.inertia": 0.05}],
+    ids=["no far mass, other end", "no far mass", "shaft", "other weights"],
+)  # fmt: skip
+def test_nothing_of_a_rig_is_left_after_a_reset(other):
+    """A bench that has run with the thesis's rig and is given another one moves like a new one, to the last bit."""
+    p = parameters(other).with_nameplate()
+
+    def swing(bench: Bench) -> np.ndarray:
+        bench.start(power=False)
+        bench.plant.qpos[int(bench.axes[0].record.truth.joints.column)] = 0.1
+        return bench.advance(off(800))["/column.angle"].copy()
+
+    used = Bench(P, seed=5)
+    swing(used)
+    used.reset(p, seed=5)
+    np.testing.assert_array_equal(swing(used), swing(Bench(p, seed=5)))
