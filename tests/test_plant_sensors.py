@@ -306,6 +306,7 @@ SOURCES = {
     "load_cell": ("load_cell.noise=5.0", "/load_cell.counts"),
     "potentiometer": ("potentiometer.noise=1e-2", None),  # nobody uses it, and it is not recorded
     "spike": ("load_cell.spike_rate=2000.0", "/load_cell.counts"),
+    "frames": ("plc.frame_loss=0.5", "/load_cell.torque"),
 }
 
 
@@ -317,7 +318,8 @@ def test_more_noise_of_one_source_leaves_the_others_to_the_last_bit(source):
     less = run(RESTING + SWAY, set=["load_cell.spike=10.0"])
     follow = {"/drive.position": {"/drive.velocity", "/drive.set_position", "/drive.set_velocity", "/load_cell.torque",
                                   "/feel.angle", "/feel.velocity", "/feel.torque"},
-              "/load_cell.counts": {"/load_cell.torque", "/feel.torque"}}  # fmt: skip
+              "/load_cell.counts": {"/load_cell.torque", "/feel.torque"},
+              "/load_cell.torque": {"/feel.angle", "/feel.velocity", "/feel.torque"}}  # fmt: skip
     differ = {name for name in more.signals if not np.array_equal(more[name], less[name])}
     if noisy is None:
         assert differ == set()

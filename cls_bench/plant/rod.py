@@ -83,6 +83,4 @@ def act(plant: Any, joints: Any, mechanism: Any, body: Any) -> None:
     far, across = mechanism.far_mass, body.across_column
     plant.force[crank] -= far * along * body.far_along
     plant.force[column] -= far * across * body.far_across
-    on_crank, on_column = far * along * along, far * across * across
-    plant.armature[crank], plant.inertia[crank] = on_crank, mechanism.crank_inertia + on_crank
-    plant.armature[column], plant.inertia[column] = on_column, mechanism.column_inertia + on_column
+    plant.armature[crank], plant.armature[column] = far * along * along, far * across * across
