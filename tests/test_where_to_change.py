@@ -1,5 +1,6 @@
-"""How many files a further thing takes: a kind of gear stage, a sensor, a signal. Each is added to a copy of the package
-and run.
+"""How many files a further thing takes: a kind of gear stage, a sensor, a signal.
+
+Each is added to a copy of the package, and run.
 
 The page of all parameters (models/README.md) is made from them and not counted.
 """
