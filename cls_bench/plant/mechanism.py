@@ -52,6 +52,16 @@ def act(
     limb.act(plant, p.limb, p.column.grip_height, joints, body, motion, angle, velocity, force)
 
 
+REMEMBERED = ("current", "temperature", "zero", "crept", "amplified")
+"""What the plant remembers besides MuJoCo's motion, and may lose without losing that where the drive trips of it."""
+
+
+@compiled
+def is_finite(body: Any) -> bool:
+    """Whether all of :data:`REMEMBERED` is."""
+    return bool(abs(body.current + body.temperature + body.amplified + body.zero + body.crept) < math.inf)
+
+
 ANGLES = ("column", "limb", "shaft0", "shaft1", "shaft2", "shaft3", "rod", "rod_end")
 """What a drawn body can move with: the places that :func:`pose` knows. ``shaft0`` is the motor."""
 
