@@ -153,6 +153,10 @@ class Specimen:
         for name, velocity in velocities.items():
             self.data.qvel[self.joints.index(name)] = velocity
 
+    def final(self, joint: str) -> float:
+        """Angle of a joint now [rad]."""
+        return float(self.data.qpos[self.joints.index(joint)])
+
     def reset(self) -> None:
         """Rest at neutral."""
         mujoco.mj_resetData(self.model, self.data)
