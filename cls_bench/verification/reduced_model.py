@@ -255,26 +255,41 @@ def derivative(c: Constants, y: Any, motor: float, hand: float, out: Any) -> Non
     out[n + stages + 1] = (m11 * f2 - m12 * f1) / determinant
 
 
-def follow(p: Parameters, time: Array, motor: Array, hand: Array, *, tolerance: float = 1e-8) -> Array:
-    """Angles [rad] of the shafts from the motor on and of the column, (len(time), stages + 2), from rest under records
-    of motor and hand torque [N·m].
+class Guide(NamedTuple):
+    """A spring and damper that pull the motor along."""
+
+    stiffness: float  # [N·m/rad]
+    damping: float  # [N·m·s/rad]
+    angle: Array  # where to, an entry a step [rad]
+    rate: Array  # [rad/s]
+
+
+def follow(
+    p: Parameters, time: Array, motor: Array, hand: Array, *, guide: Guide | None = None, tolerance: float = 1e-8
+) -> Array:
+    """The motion from rest under records of motor and hand torque [N·m]: angles of the shafts from the motor on and of
+    the column, then their speeds, (len(time), 2 (stages + 2)) [rad, rad/s]. The motor may have a ``guide`` as well.
 
     Between the entries of a record it is interpolated linearly: semi-implicit Euler is the leapfrog scheme, in which a
     force taken at t acts from half a step before t to half a step after. Raises RuntimeError if the integration fails.
     """
     c = constants(p)
-    stages = len(c.ratio)
-    states = 2 * (stages + 2) + stages + 1
+    coordinates = len(c.ratio) + 2
+    states = 2 * coordinates + coordinates - 1
     step = float(time[1] - time[0])
     last = len(time) - 1
+    led = guide or Guide(0.0, 0.0, np.zeros(len(time)), np.zeros(len(time)))
 
     def right(t: float, y: Array) -> Array:
         out = np.empty(states)
         k = min(int(t / step), last - 1)
         share = t / step - k
-        derivative(
-            c, y, (1.0 - share) * motor[k] + share * motor[k + 1], (1.0 - share) * hand[k] + share * hand[k + 1], out
-        )
+
+        def now(record: Array) -> float:
+            return float((1.0 - share) * record[k] + share * record[k + 1])
+
+        pulled = led.stiffness * (now(led.angle) - y[0]) + led.damping * (now(led.rate) - y[coordinates])
+        derivative(c, y, now(motor) + pulled, now(hand), out)
         return out
 
     # Small angles of the meshes decide on torques: the absolute tolerance is far below their elastic twist.
@@ -284,4 +299,4 @@ def follow(p: Parameters, time: Array, motor: Array, hand: Array, *, tolerance: 
     )  # fmt: skip
     if not solution.success:
         raise RuntimeError(f"the reduced model could not be integrated: {solution.message}")
-    return np.asarray(solution.y[: stages + 2].T, dtype=np.float64)
+    return np.asarray(solution.y[: 2 * coordinates].T, dtype=np.float64)
