@@ -255,6 +255,21 @@ def derivative(c: Constants, y: Any, motor: float, hand: float, out: Any) -> Non
     out[n + stages + 1] = (m11 * f2 - m12 * f1) / determinant
 
 
+@compiled
+def _entry(records: Any, which: int, row: float) -> float:
+    k = min(int(row), records.shape[0] - 2)
+    share = row - k
+    return float((1.0 - share) * records[k, which] + share * records[k + 1, which])
+
+
+@compiled
+def _right(c: Constants, row: float, y: Any, records: Any, stiffness: float, damping: float, out: Any) -> None:
+    """The derivative ``row`` entries into ``records``: torque of motor and hand, angle and rate of the guide."""
+    pulled = stiffness * (_entry(records, 2, row) - y[0])
+    pulled += damping * (_entry(records, 3, row) - y[c.ratio.shape[0] + 2])
+    derivative(c, y, _entry(records, 0, row) + pulled, _entry(records, 1, row), out)
+
+
 class Guide(NamedTuple):
     """A spring and damper that pull the motor along."""
 
@@ -277,19 +292,12 @@ def follow(
     coordinates = len(c.ratio) + 2
     states = 2 * coordinates + coordinates - 1
     step = float(time[1] - time[0])
-    last = len(time) - 1
     led = guide or Guide(0.0, 0.0, np.zeros(len(time)), np.zeros(len(time)))
+    records = np.stack([motor, hand, led.angle, led.rate], axis=1)
 
     def right(t: float, y: Array) -> Array:
         out = np.empty(states)
-        k = min(int(t / step), last - 1)
-        share = t / step - k
-
-        def now(record: Array) -> float:
-            return float((1.0 - share) * record[k] + share * record[k + 1])
-
-        pulled = led.stiffness * (now(led.angle) - y[0]) + led.damping * (now(led.rate) - y[coordinates])
-        derivative(c, y, now(motor) + pulled, now(hand), out)
+        _right(c, t / step, y, records, led.stiffness, led.damping, out)
         return out
 
     # Small angles of the meshes decide on torques: the absolute tolerance is far below their elastic twist.
