@@ -34,7 +34,7 @@ from cls_bench.resources import model_folder
 from cls_bench.run_log import LimitLog, Trip, source_of, trip
 from cls_bench.signals import Block, Event, Topic, topics
 from cls_bench.step_limit import check_step
-from cls_bench.trace import Buffers, tables
+from cls_bench.trace import Buffers
 
 LONGEST_BLOCK = 0.2
 """Longest block [s]. A killed run loses at most this much."""
@@ -95,6 +95,8 @@ class Axis(NamedTuple):
     """empty if it is the only one"""
     record: Any
     """its :data:`cls_bench.axis.AXIS`, in the bench's memory"""
+    watch: Any
+    """what the tick noted of its limits, there"""
     topics: tuple[Topic, ...]
     trips: list[Trip]
     limits: LimitLog
@@ -142,12 +144,17 @@ class Bench:
         self._memory = records(memory)
         self._axes = memory.view(np.recarray)
         self.axes = tuple(
-            Axis(name, self._axes[a], topics(self.clock, p.gearbox.stages, name), [], LimitLog(self.clock, name))
+            Axis(
+                name, self._axes[a], self._axes[a].limits, topics(self.clock, p.gearbox.stages, name), [],
+                LimitLog(self.clock, name),
+            )
             for a, (name, p) in enumerate(self._built.items())
         )
         """the axes, in order"""
         for axis, p in zip(self.axes, self._built.values(), strict=True):
             plant_model.find_joints(self.model, axis.name, p.gearbox.stages, axis.record.truth.joints)
+        self._recorded = [axis.topics for axis in self.axes]
+        self._power = memory["controller"]["state"]["power"]
         self.topics = tuple(topic for axis in self.axes for topic in axis.topics)
         """what is recorded"""
         words = memory.view(np.float64, np.ndarray).reshape(len(memory), -1)
@@ -256,6 +263,8 @@ class Bench:
         set_parameters(axis.record, parameters)
         self.parameters_of[axis.name] = parameters
         plant_model.set_weights(self.model, axis.name, parameters)
+        now = self.parameters_of.values()
+        self._chances = any(p.load_cell.spike_rate > 0.0 for p in now), any(p.plc.frame_loss > 0.0 for p in now)
 
     def _named(self, name: str) -> Axis:
         for axis in self.axes:
@@ -311,30 +320,23 @@ class Bench:
             raise ValueError(f"a block has whole PLC cycles, and at most {self.block_ticks} ticks; this one {ticks}")
         noise = self._streams.draw(ticks, self._chances)
         trace = self._room(first, ticks)
-        powered = [axis.record.controller.state.power for axis in self.axes]
+        powered = self._power.tolist()
         with self._warnings() as warned:
             done = self._advance(hands, noise, trace, ticks)
         if done < ticks:
             self.failure = self._outer_loop.failure or DivergedError(self.clock.time(first + done), self._lost(warned))
-        signals = tables(trace, [axis.topics for axis in self.axes], first, done)
+        signals = self._tables(first, done)
         if (lost := self._first_lost(signals, first)) is not None:
             at, signal = lost
             done = at - first
             self.failure = DivergedError(self.clock.time(at), f"recorded signal {signal} is not finite")
-            signals = tables(trace, [axis.topics for axis in self.axes], first, done)
+            signals = self._tables(first, done)
         events = self._log(first, done, signals, powered, warned)
         self._tick = first + done
         if self.failure is not None or last:
             events += [event for axis in self.axes for event in axis.limits.finish(max(self._tick - 1, first))]
         rows = -(-self._tick // self.clock.pose_ticks) - -(-first // self.clock.pose_ticks)
         return Block(first, done, signals, trace.poses[:rows], tuple(events), self.clock, self.topics)
-
-    @property
-    def _chances(self) -> tuple[bool, bool]:
-        """Whether spikes, and losses of frames, are to be drawn."""
-        spikes = any(axis.record.truth.parameters.load_cell.spike_rate > 0.0 for axis in self.axes)
-        losses = any(axis.record.controller.parameters.plc.frame_loss > 0.0 for axis in self.axes)
-        return spikes, losses
 
     def _room(self, first: int, ticks: int) -> Any:
         """Trace buffers for the block, cut from room that is made for the longest one."""
@@ -344,10 +346,14 @@ class Bench:
             self._buffers = room
         return room.part(first, ticks)
 
+    def _tables(self, first: int, ticks: int) -> Mapping[str, NDArray[np.float64]]:
+        assert self._buffers is not None
+        return self._buffers.tables(self._recorded, first, ticks)
+
     def _advance(self, hand: Any, noise: Any, trace: Any, ticks: int) -> int:
         return tick.advance(
             self.plant, self._memory, self._watched, hand, noise, trace, self._bodies, self._cycles, self._warned,
-            self._tick, ticks, self._outer_loop.ask,
+            self._tick, ticks, self._outer_loop.ask.address,
         )  # fmt: skip
 
     def _log(
@@ -355,12 +361,10 @@ class Bench:
         warned: Sequence[str],
     ) -> list[Event]:  # fmt: skip
         events, self._events = self._events, []
-        for axis, was_on in zip(self.axes, powered, strict=True):
-            record = axis.record
-            limits = signals["/" + plant_model.prefixed(axis.name, "limits")]
-            events += axis.limits.read(first, first + done, limits, record.limits)
-            control = record.controller.state
-            if was_on and not control.power:
+        for axis, was_on, is_on in zip(self.axes, powered, self._power.tolist(), strict=True):
+            events += axis.limits.read(first, first + done, signals[axis.limits.path], axis.watch)
+            if was_on and not is_on:
+                control = axis.record.controller.state
                 axis.trips.append(
                     trip(self.clock, axis.name, int(control.trip_tick), int(control.plc.trip), self._invalid(control))
                 )
@@ -403,7 +407,10 @@ class Bench:
     def _first_lost(self, signals: Mapping[str, NDArray[np.float64]], first: int) -> tuple[int, str] | None:
         """Tick and name of the first recorded sample that is not a finite number; None if all are."""
         found: list[tuple[int, str]] = []
-        for topic in self.topics:
+        # The sum of numbers that are finite is finite, but for such that no plant has: quicker than a look at each.
+        with np.errstate(all="ignore"):
+            suspect = [t for t in self.topics if not math.isfinite(np.add.reduce(signals[t.path], axis=None))]
+        for topic in suspect:
             table = signals[topic.path]
             if not np.isfinite(table).all():
                 row, column = np.argwhere(~np.isfinite(table))[0].tolist()

@@ -105,6 +105,8 @@ class LimitLog:
 
     def __init__(self, clock: Clock, axis: str = "") -> None:
         self._clock, self._axis = clock, axis
+        self.path = f"/{axis}/limits" if axis else "/limits"
+        """of the topic"""
         self._quiet = round(QUIET / clock.plc_s) * clock.plc_ticks
         self._open: dict[str, _Episode] = {}
 

@@ -20,13 +20,13 @@ The order is written here once, and every delay is a latch with its length in th
 out; ``docs/architecture.md`` repeats it, and a test compares.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cls_bench.compiled import compiled, mj_step
+from cls_bench.compiled import call, compiled, mj_step
 from cls_bench.control import latch, limits, plc, servo, validity
 from cls_bench.hand import HandSamples
 from cls_bench.plant import limb, mechanism, sensors
@@ -49,6 +49,8 @@ class Hand(NamedTuple):
     @classmethod
     def of(cls, hands: Sequence[HandSamples]) -> "Hand":
         """The hands of all axes, in the form compiled code takes."""
+        if len(hands) == 1:  # without a copy
+            return cls(*[getattr(hands[0], name)[:, None] for name in cls._fields])
         return cls(*(np.stack([getattr(hand, name) for hand in hands], axis=1) for name in cls._fields))
 
     def part(self, first: int, ticks: int) -> "Hand":
@@ -226,13 +228,13 @@ def _note_limits(plant: Plant, axis: Any) -> None:
 @compiled
 def _control(
     axis: Any, watched: Watched, noise: Any, a: int, row: int, tick: int, cycles: Cycles, due: Due, number: int,
-    ask: Callable[[int], int],
+    ask: int,
 ) -> bool:  # fmt: skip
     """PLC, bus and drive of an axis in a tick; whether a user's outer loop went along."""
     state = axis.controller.state
     _measure(axis, noise, a, row, tick, cycles, due)
     if due.plc:
-        if state.external != 0 and _is_on(state) and ask(number) != 0:
+        if state.external != 0 and _is_on(state) and call(ask, number) != 0:
             return False
         _plc_task(axis, watched, a, tick)
     if due.bus:
@@ -273,7 +275,7 @@ def _grip(plant: Plant, axis: Any, hand: Hand, a: int, row: int) -> None:
 @compiled
 def advance(
     plant: Plant, axes: Any, watched: Watched, hand: Hand, noise: Any, trace: Any, bodies: Bodies, cycles: Cycles,
-    warned: Any, first_tick: int, ticks: int, ask: Callable[[int], int],
+    warned: Any, first_tick: int, ticks: int, ask: int,
 ) -> int:  # fmt: skip
     """Run ``ticks`` ticks from ``first_tick`` on, the start of a PLC cycle; returns how many were run.
 

@@ -35,10 +35,12 @@ class Buffers:
         self.first_tick, self.ticks = first_tick, ticks
         self._every = [topic.ticks for topic in topics(clock, MOST_STAGES)]
         self._pose = clock.pose_ticks
-        self._topics = [
-            records(np.full((_rows(every, first_tick, ticks), axes), np.nan, kind))
+        tables = [
+            np.full((_rows(every, first_tick, ticks), axes, len(kind.names or ())), np.nan)
             for every, kind in zip(self._every, _ROWS, strict=True)
         ]
+        self._topics = [records(table.view(kind)[:, :, 0]) for table, kind in zip(tables, _ROWS, strict=True)]
+        self._tables = dict(zip(_NAMES, zip(tables, self._every, strict=True), strict=True))
         self._poses = np.full((_rows(self._pose, first_tick, ticks), bodies, 7), np.nan)
 
     def part(self, first: int, ticks: int) -> Any:
@@ -51,15 +53,14 @@ class Buffers:
         parts = [rows(array, every) for array, every in zip(self._topics, self._every, strict=True)]
         return Trace(*parts, rows(self._poses, self._pose))
 
-
-def tables(
-    trace: Any, axes: Sequence[Sequence[Topic]], first_tick: int, ticks: int
-) -> Mapping[str, NDArray[np.float64]]:
-    """The first ``ticks`` ticks of the topics of each axis as tables of their signals in column order, without copies."""
-    found = {}
-    for a, axis in enumerate(axes):
-        for topic in axis:
-            rows = trace[_NAMES.index(topic.path.rpartition("/")[2])]
-            table = rows.view(np.float64, np.ndarray).reshape(len(rows), -1, len(rows.dtype.names))
-            found[topic.path] = table[: topic.rows(first_tick, ticks), a, : len(topic.signals)]
-    return found
+    def tables(
+        self, axes: Sequence[Sequence[Topic]], first: int, ticks: int
+    ) -> Mapping[str, NDArray[np.float64]]:
+        """Some of the ticks of the topics of each axis as tables of their signals in column order, without copies."""
+        found = {}
+        for a, axis in enumerate(axes):
+            for topic in axis:
+                table, every = self._tables[topic.path.rpartition("/")[2]]
+                start = _rows(every, self.first_tick, first - self.first_tick)
+                found[topic.path] = table[start : start + _rows(every, first, ticks), a, : len(topic.signals)]
+        return found

@@ -44,10 +44,10 @@ def print_table(header: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> Non
     from rich.text import Text
 
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    for k, title in enumerate(header):
-        table.add_column(title, overflow="fold", no_wrap=k == 0)
+    for k, title in enumerate(header):  # brackets are units, no markup
+        table.add_column(Text(title), overflow="fold", no_wrap=k == 0)
     for row in rows:
-        table.add_row(*(Text(printable(cell)) for cell in row))  # brackets are units, no markup
+        table.add_row(*(Text(printable(cell)) for cell in row))
     make_console().print(table)
 
 

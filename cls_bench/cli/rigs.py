@@ -10,12 +10,23 @@ from cls_bench.cli.output import number, print_json, print_table
 if TYPE_CHECKING:
     from cls_bench.rigs import Rig
 
-_HEAD = (
-    ("inertia ratio", ""), ("lasting", "N"), ("peak", "N"), ("measured", "N"), ("breakout", "N"), ("play", "mm"),
-    ("encoder", "µm"), ("resonance", "Hz"), ("held", "Hz"), ("velocity", "Hz"), ("tight I", "kg·m²"),
-    ("least I", "kg·m²"),
-)  # fmt: skip
-"""Figures in the order of :class:`~cls_bench.rigs.Figures`, and the two of the linear model."""
+_FIGURES = {
+    "continuous_force": ("lasting", "N", 1.0), "peak_force": ("peak", "N", 1.0),
+    "measurable_force": ("measured", "N", 1.0), "breakout_force": ("breakout", "N", 1.0),
+    "backlash": ("play", "mm", 1e3), "encoder_step": ("encoder", "µm", 1e6),
+    "inertia_ratio": ("inertia ratio", "1", 1.0), "free_resonance": ("free", "Hz", 1.0),
+    "held_resonance": ("held", "Hz", 1.0), "velocity_bandwidth": ("velocity", "Hz", 1.0),
+    "tight_inertia": ("tight I", "kg·m²", 1.0), "least_inertia": ("least I", "kg·m²", 1.0),
+}  # fmt: skip
+"""Of :class:`~cls_bench.rigs.Figures`, and the two of the linear model: what they are called, their unit and scale."""
+
+_TABLES = {
+    "at the grip": ("continuous_force", "peak_force", "measurable_force", "breakout_force", "backlash", "encoder_step"),
+    "in motion": (
+        "inertia_ratio", "free_resonance", "held_resonance", "velocity_bandwidth", "tight_inertia", "least_inertia",
+    ),
+}  # fmt: skip
+"""Two tables, as one of all figures would fit no terminal."""
 
 
 @click.command()
@@ -25,9 +36,10 @@ def rigs(names: tuple[str, ...], as_json: bool) -> None:
     """Compare the rigs that there are, or show those named with what was derived from their data sheets.
 
     Forces are those of the hand at the grip: what the motor holds for good, its peak, what the load cell measures, and
-    what moves the control with the power off. Play and the encoder's step are those of the grip. Resonances are the
-    lowest of motor and control against each other, and of the control with the motor held; velocity is the bandwidth
-    of the drive's velocity loop. Tight I is the least simulated inertia at which the outer loop is stable when squeezed
+    what moves the control with the power off (locked: nothing does). Play and the encoder's step are those of the grip.
+    The ratio is that of all other inertia to the rotor's. Free and held are the lowest resonances of motor and control
+    against each other, and of the control with the motor held; velocity is the bandwidth of the drive's velocity loop.
+    Tight I is the least simulated inertia at which the outer loop is stable when squeezed
     tightly by the standard arm, least I that which is stable however the pilot grips, both by the linear model. A
     scenario is run on a rig with --rig NAME.
     """
@@ -51,10 +63,12 @@ def rigs(names: tuple[str, ...], as_json: bool) -> None:
         for rig, values in rows:
             _show(rig, values)
         return
-    print_table(
-        ("rig", *(f"{name} [{unit}]" if unit else name for name, unit in _HEAD)),
-        [(rig.name, *_cells(values)) for rig, values in rows],
-    )
+    for title, names_of in _TABLES.items():
+        head = [_FIGURES[name] for name in names_of]
+        print_table(
+            (title, *(f"{name}\n[{unit}]" for name, unit, _ in head)),
+            [(rig.name, *(_cell(name, values[name]) for name in names_of)) for rig, values in rows],
+        )
 
 
 def _figures(rig: "Rig") -> dict[str, Any]:
@@ -72,13 +86,10 @@ def _figures(rig: "Rig") -> dict[str, Any]:
     return {**found, "tight_inertia": tight, "least_inertia": least, "least_inertia_at": str(hand)}
 
 
-def _cells(values: dict[str, Any]) -> list[str]:
-    scaled = {**values, "backlash": 1e3 * values["backlash"], "encoder_step": 1e6 * values["encoder_step"]}
-    return [
-        "self-locking" if name == "breakout_force" and math.isinf(value) else "none" if math.isinf(value) else
-        number(value)
-        for name, value in scaled.items() if name != "least_inertia_at"
-    ]  # fmt: skip
+def _cell(name: str, value: float) -> str:
+    if math.isinf(value):
+        return "locked" if name == "breakout_force" else "none"
+    return f"{value * _FIGURES[name][2]:.3g}" if abs(value) < 1e3 else f"{value:.0f}"
 
 
 def _derived(rig: "Rig") -> list[tuple[Any, str]]:
@@ -90,7 +101,7 @@ def _derived(rig: "Rig") -> list[tuple[Any, str]]:
 def _show(rig: "Rig", values: dict[str, Any]) -> None:
     click.echo(f"{rig.name}: {rig.title}")
     click.echo(rig.description.strip())
-    rows = [(name, cell, unit) for (name, unit), cell in zip(_HEAD, _cells(values), strict=True)]
+    rows = [(shown, _cell(name, values[name]), unit) for name, (shown, unit, _) in _FIGURES.items()]
     if 0.0 < values["least_inertia"] < math.inf:
         rows[-1] = (rows[-1][0], rows[-1][1], f"{rows[-1][2]}, at {values['least_inertia_at']}")
     print_table(("figure", "value", "unit"), rows)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cls_bench.cli.failures import say
-from cls_bench.cli.options import FINITE, SEED, FiniteRange, GivenController, controller_options
+from cls_bench.cli.options import FINITE, SEED, FiniteRange, GivenController, controller_options, rig_option
 from cls_bench.cli.output import number, print_json, print_table, results_folder
 from cls_bench.cli.sweep import points_progress
 from cls_bench.errors import ExitCode, InputError, Interrupted, OutputError
@@ -33,6 +33,7 @@ def _setup_options(function: Callable[..., Any]) -> Callable[..., Any]:
     for option in (
         click.option("--set", "overrides", metavar="KEY=VALUE", multiple=True,
                      help="Override a parameter, such as feel.inertia=0.25; may be given again."),
+        rig_option,
         click.option("--grip", default="1", show_default=True, metavar="0…1|off",
                      help="How tightly the hand grips, 0 loose to 1 tight, or off."),
         click.option("--ideal", is_flag=True, help="Without friction, backlash, noise and coarse counts."),
@@ -55,13 +56,13 @@ def _trial_options(function: Callable[..., Any]) -> Callable[..., Any]:
     return function
 
 
-def _setup(overrides: tuple[str, ...], grip: str, ideal: bool) -> "Setup":
+def _setup(rig: str | None, overrides: tuple[str, ...], grip: str, ideal: bool) -> "Setup":
     from cls_bench.linear.hand import Hand
     from cls_bench.linear.variation import Setup
     from cls_bench.linear.variation import ideal as idealised
-    from cls_bench.scenario import parse_scenario
+    from cls_bench.scenario import parameters_of
 
-    p = parse_scenario('title = "setup"\nduration = 1.0', set=overrides).parameters_at_start()
+    p = parameters_of(rig, overrides)
     squeeze: float | None = None
     if grip != "off":
         try:
@@ -138,8 +139,8 @@ def _finite(value: Any) -> Any:
               help="Folder for CSV and figures.  [default: recordings/LOOP]")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of tables.")
 def frequency_response(
-    loop: str, overrides: tuple[str, ...], grip: str, ideal: bool, excitation: str | None, amplitude: float | None,
-    from_hz: float, to_hz: float, points: int, out: Path | None, as_json: bool,
+    loop: str, rig: str | None, overrides: tuple[str, ...], grip: str, ideal: bool, excitation: str | None,
+    amplitude: float | None, from_hz: float, to_hz: float, points: int, out: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
     """Measure a loop's frequency response on the running simulation.
 
@@ -152,7 +153,7 @@ def frequency_response(
     from cls_bench.stability import figures
     from cls_bench.stability.response import Excitation, measure
 
-    setup = _setup(overrides, grip, ideal)
+    setup = _setup(rig, overrides, grip, ideal)
     through_hand = loop == "rendered-admittance"
     measured = measure(
         setup, loop,
@@ -215,7 +216,7 @@ def _numbers(response: "FrequencyResponse", kind: str, loop: str) -> dict[str, f
 @click.command()
 @_setup_options
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of tables.")
-def predict(overrides: tuple[str, ...], grip: str, ideal: bool, as_json: bool) -> None:
+def predict(rig: str | None, overrides: tuple[str, ...], grip: str, ideal: bool, as_json: bool) -> None:
     """Predict stability and margins from the linear model, with Eq. 3.16 beside it."""
     from threadpoolctl import threadpool_limits
 
@@ -223,7 +224,7 @@ def predict(overrides: tuple[str, ...], grip: str, ideal: bool, as_json: bool) -
     from cls_bench.linear.prediction import predict as predicted
     from cls_bench.linear.variation import variation
 
-    setup = _setup(overrides, grip, ideal)
+    setup = _setup(rig, overrides, grip, ideal)
 
     def unit(name: str) -> str:
         return variation(name, of=setup.parameters).unit
@@ -243,8 +244,10 @@ def predict(overrides: tuple[str, ...], grip: str, ideal: bool, as_json: bool) -
     rows = [
         ("verdict", "stable" if p.stable else "UNSTABLE"),
         ("oscillation", f"{p.frequency:.1f} Hz, growth rate {p.growth:+.2f} 1/s"),
-        ("gain margin", f"factor {p.gain_margin:.3f} at {p.phase_crossover:.1f} Hz"),
-        ("phase margin", f"{math.degrees(p.phase_margin):.1f}° at {p.gain_crossover:.1f} Hz"),
+        ("gain margin", f"factor {p.gain_margin:.3f} at {p.phase_crossover:.1f} Hz"
+                        if math.isfinite(p.gain_margin) else "none: no gain makes it unstable"),
+        ("phase margin", f"{math.degrees(p.phase_margin):.1f}° at {p.gain_crossover:.1f} Hz"
+                         if math.isfinite(p.phase_margin) else "none: the loop's gain stays below 1"),
         ("Eq. 3.16", f"{'stable' if p.rule.stable else 'unstable'}: I_fwd/I_fcs = {p.rule.ratio:.3f}, "
                      f"onset at {p.rule.critical_ratio:.3f}"),
         ("P of the bare column", f"f_180 = {p.rule.crossover:.1f} Hz, "
@@ -267,13 +270,14 @@ def predict(overrides: tuple[str, ...], grip: str, ideal: bool, as_json: bool) -
 @controller_options
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of tables.")
 def onset(
-    vary: str, low: float | None, high: float | None, tolerance: float, overrides: tuple[str, ...], grip: str,
-    ideal: bool, rate_deg: float | None, pulse: float | None, seed: int, controller: GivenController, as_json: bool,
+    vary: str, low: float | None, high: float | None, tolerance: float, rig: str | None, overrides: tuple[str, ...],
+    grip: str, ideal: bool, rate_deg: float | None, pulse: float | None, seed: int, controller: GivenController,
+    as_json: bool,
 ) -> None:  # fmt: skip
     """Search where the running bench turns unstable."""
     from cls_bench.linear.variation import variation
 
-    setup = _setup(overrides, grip, ideal)
+    setup = _setup(rig, overrides, grip, ideal)
     quantity = variation(vary, low, high, of=setup.parameters)
     found = _find(
         controller, setup, quantity, _standard(ideal, rate_deg, pulse, seed), quiet=as_json,
@@ -334,8 +338,8 @@ def _trial_line(unit: str, quiet: bool) -> Any:
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of text.")
 def stability_map(
     x: str, y: str, x_range: tuple[float, float] | None, y_range: tuple[float, float] | None, size: tuple[int, int],
-    overrides: tuple[str, ...], grip: str, ideal: bool, rate_deg: float | None, pulse: float | None, seed: int,
-    out: Path | None, resume: bool, scheduler: str, as_json: bool,
+    rig: str | None, overrides: tuple[str, ...], grip: str, ideal: bool, rate_deg: float | None, pulse: float | None,
+    seed: int, out: Path | None, resume: bool, scheduler: str, as_json: bool,
 ) -> None:  # fmt: skip
     """Map stability over two quantities: a trial at each point, beside the linear model and Eq. 3.16.
 
@@ -349,7 +353,7 @@ def stability_map(
     from cls_bench.stability import figures
     from cls_bench.stability.map import Grid, compute, default_grid, table
 
-    setup = _setup(overrides, grip, ideal)
+    setup = _setup(rig, overrides, grip, ideal)
     usual = default_grid(setup.parameters)
     axes = []
     for name, ends, default in ((x, x_range, usual.x), (y, y_range, usual.y)):
@@ -394,8 +398,8 @@ def stability_map(
 @click.option("--scheduler", default="threads", show_default=True, metavar="WHERE", help="As for stability-map.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of a table.")
 def stabilisers(
-    overrides: tuple[str, ...], grip: str, ideal: bool, rate_deg: float | None, pulse: float | None, seed: int,
-    out: Path | None, scheduler: str, as_json: bool,
+    rig: str | None, overrides: tuple[str, ...], grip: str, ideal: bool, rate_deg: float | None, pulse: float | None,
+    seed: int, out: Path | None, scheduler: str, as_json: bool,
 ) -> None:  # fmt: skip
     """Least stable simulated inertia with and without what a designer can do about it."""
     began = time.time()
@@ -404,7 +408,7 @@ def stabilisers(
     from cls_bench.stability import figures
     from cls_bench.stability.stabilisers import compare, search_range
 
-    setup = _setup(overrides, grip, ideal)
+    setup = _setup(rig, overrides, grip, ideal)
     with points_progress(quiet=as_json) as report:
         found = compare(
             setup, _standard(ideal, rate_deg, pulse, seed), scheduler=scheduler, report=report
@@ -442,6 +446,7 @@ def check() -> None:
 @click.option("--min-margin", type=FiniteRange(0, 1e3), metavar="M",
               help="Least share by which I_fwd may still grow from the present limb and column to the onset: "
                    "onset / present - 1.  [default: 0, the present hand must be stable]")  # fmt: skip
+@rig_option
 @click.option("--set", "overrides", metavar="KEY=VALUE", multiple=True, help="Override a parameter.")
 @click.option("--ideal", is_flag=True, help="Without friction, backlash, noise and coarse counts.")
 @_trial_options
@@ -449,8 +454,8 @@ def check() -> None:
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of text.")
 @click.pass_context
 def check_onset(
-    ctx: click.Context, min_ratio: float | None, min_margin: float | None, overrides: tuple[str, ...], ideal: bool,
-    rate_deg: float | None, pulse: float | None, seed: int, controller: GivenController, as_json: bool,
+    ctx: click.Context, min_ratio: float | None, min_margin: float | None, rig: str | None, overrides: tuple[str, ...],
+    ideal: bool, rate_deg: float | None, pulse: float | None, seed: int, controller: GivenController, as_json: bool,
 ) -> None:  # fmt: skip
     """Pass if a tight grip stays stable up to I_fwd = R · I_fcs, and the present hand is stable by a margin.
 
@@ -464,7 +469,7 @@ def check_onset(
     if min_ratio is None and min_margin is None:
         raise InputError("check onset: give --min-ratio, --min-margin, or both")
     wanted = 0.0 if min_margin is None else min_margin
-    setup = _setup(overrides, "1", ideal)
+    setup = _setup(rig, overrides, "1", ideal)
     standard = _standard(ideal, rate_deg, pulse, seed)
     vary = variation("forward_inertia", of=setup.parameters)
     found = _find(controller, setup, vary, standard, quiet=True, follow=False)

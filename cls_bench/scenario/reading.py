@@ -12,8 +12,8 @@ from cls_bench.errors import InputError
 from cls_bench.input.faults import nearest
 from cls_bench.input.files import read_file
 from cls_bench.input.toml_file import MOST_BYTES, parse_toml
-from cls_bench.resources import shipped_scenarios
 from cls_bench.parameters import Parameters
+from cls_bench.resources import shipped_scenarios
 from cls_bench.rigs import THESIS, Rig, load_rig
 from cls_bench.scenario.placing import as_text, place, place_override
 from cls_bench.scenario.scenario import Origin, Scenario
@@ -74,12 +74,14 @@ def parse_scenario(
     file = escaped(str(path) if path else name, 500)
     table = parse_toml(source, file)
     found = load_rig(rig) if rig is not None and not isinstance(rig, Rig) else rig
+    named = table.get("rig", THESIS)
     given = dict[str, Any]() if seed is None else {"seed": seed}
     if found is not None:
         given["rig"] = found.file if found.is_file else found.name
     overridden = {place_override(table, entry) for entry in set} | {place(table, k, v) for k, v in given.items()}
     overrides = (*set, *(as_text(key, value) for key, value in given.items()))
     origin = Origin(
-        path.stem if path else name, path, source, overrides, frozenset(overridden), sample_files, found, file
+        path.stem if path else name, path, source, overrides, frozenset(overridden), sample_files, found,
+        named if found is not None and isinstance(named, str) else "", file,
     )  # fmt: skip
     return Scenario.model_validate(table, context=origin)

@@ -62,6 +62,8 @@ class Origin:
     """sample files and the rig's by name, instead of those on the disk"""
     rig: Rig | None = None
     """instead of the one that the scenario names"""
+    written_for: str = ""
+    """the one that it names, if another is taken instead"""
     file: str = field(default="scenario")
     """what messages call it"""
 
@@ -106,7 +108,9 @@ class Scenario(Strict):
 
     @model_validator(mode="wrap")
     @classmethod
-    def _in_one_line(cls, data: Any, handler: ModelWrapValidatorHandler["Scenario"], info: ValidationInfo) -> "Scenario":
+    def _in_one_line(
+        cls, data: Any, handler: ModelWrapValidatorHandler["Scenario"], info: ValidationInfo
+    ) -> "Scenario":
         """As of every table, with the check of the whole."""
         origin = info.context if isinstance(info.context, Origin) else Origin()
         if isinstance(data, Scenario):
@@ -136,6 +140,10 @@ class Scenario(Strict):
         _check(self)
         self._read_samples()
         self._notes = (*self._notes, *beyond_the_rig(self.hand, self._start))
+        written_for = origin.written_for
+        if written_for not in ("", self.rig) and any(c.min is not None or c.max is not None for c in self.checks):
+            said = f"checks: their limits were written for the rig {shown(written_for)}"
+            self._notes = (*self._notes, f"{said}, and may mean little on {self._rig.name}")
 
     def _find_rig(self) -> None:
         origin, given = self._origin, self._origin.files
