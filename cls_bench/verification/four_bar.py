@@ -23,15 +23,15 @@ GEOMETRIES = {
         crank=0.22, rod=0.30, arm=0.15, crank_angle=-35.0 * DEG, rod_angle=20.0 * DEG, arm_angle=30.0 * DEG
     ),
     "short and heavy rod": Linkage(
-        crank=0.08, rod=0.16, arm=0.13, crank_angle=10.0 * DEG, rod_angle=-12.0 * DEG, arm_angle=-10.0 * DEG,
+        crank=0.11, rod=0.18, arm=0.15, crank_angle=10.0 * DEG, rod_angle=-12.0 * DEG, arm_angle=-10.0 * DEG,
         rod_crank_mass=0.3, rod_column_mass=1.5, rod_end_mass=0.2,
     ),
 }  # fmt: skip
 
-SPRING = 10.0
+SPRING = 15.0
 """Stiffness [N·m/rad] that holds the crank, so that no geometry runs into its dead centre."""
 
-PUSH, OVER, DURATION = 6.0, 0.3, 2.0
+PUSH, OVER, DURATION = 5.0, 0.3, 2.0
 """The column is pushed by up to so much [N·m] for so long [s]; what follows is free."""
 
 
