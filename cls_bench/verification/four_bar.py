@@ -23,7 +23,7 @@ GEOMETRIES = {
         crank=0.22, rod=0.30, arm=0.15, crank_angle=-35.0 * DEG, rod_angle=20.0 * DEG, arm_angle=30.0 * DEG
     ),
     "short and heavy rod": Linkage(
-        crank=0.11, rod=0.18, arm=0.15, crank_angle=10.0 * DEG, rod_angle=-12.0 * DEG, arm_angle=-10.0 * DEG,
+        crank=0.12, rod=0.16, arm=0.14, crank_angle=-8.0 * DEG, rod_angle=-10.0 * DEG, arm_angle=-5.0 * DEG,
         rod_crank_mass=0.3, rod_column_mass=1.5, rod_end_mass=0.2,
     ),
 }  # fmt: skip
