@@ -59,11 +59,11 @@ def free(subject: Subject) -> Iterator[Row]:
         swing = float(np.max(np.abs(expected)))
         yield Row(GROUP, f"{name}: worst deviation of the column angle in {DURATION:g} s of ±{math.degrees(swing):.0f}°",
                   "rad", 0.0, "Lagrange's equations (solve_ivp)", float(deviation[np.argmax(np.abs(deviation))]),
-                  1e-3 * swing, relative=False)  # fmt: skip
+                  5e-4 * swing, relative=False)  # fmt: skip
         total, kinetic = _energy(p, record)
         after = time[:-1] > OVER
         yield Row(GROUP, f"{name}: energy it gained or lost after the push, of the most in motion", "1", 0.0,
-                  "conservation", float(np.ptp(total[after]) / np.max(kinetic[after])), 2e-3, relative=False)  # fmt: skip
+                  "conservation", float(np.ptp(total[after]) / np.max(kinetic[after])), 5e-4, relative=False)  # fmt: skip
 
 
 def _energy(p: Parameters, record: Record) -> tuple[Array, Array]:

@@ -72,7 +72,7 @@ def acts_when_it_flows(subject: Subject) -> Iterator[Row]:
         yield Row(GROUP, f"time by which the speed lags {time * 1e3:g} ms after a step of {voltage:g} V, in steps", "1",
                   0.5, "exact solution; half a step is semi-implicit Euler's", float(lag / h), 0.1,
                   relative=False)  # fmt: skip
-        yield Row(GROUP, f"current there, with the rotor running up", "A", current, "exact solution",
+        yield Row(GROUP, f"current {time * 1e3:g} ms after it, with the rotor running up", "A", current, "exact solution",
                   float(record.signal["current"][k]), 0.01)  # fmt: skip
 
 
