@@ -57,13 +57,14 @@ def free(subject: Subject) -> Iterator[Row]:
         expected = reduced_model.follow(p, time, still, push, guide=Guide(SPRING, 0.0, still, still))[:, 1]
         deviation = record.angle["column"] - expected
         swing = float(np.max(np.abs(expected)))
-        yield Row(GROUP, f"{name}: worst deviation of the column angle in {DURATION:g} s of ±{math.degrees(swing):.0f}°",
-                  "rad", 0.0, "Lagrange's equations (solve_ivp)", float(deviation[np.argmax(np.abs(deviation))]),
+        yield Row(GROUP, f"{name}, swing of ±{math.degrees(swing):.0f}°: worst deviation of the column angle", "rad",
+                  0.0, "Lagrange's equations (solve_ivp)", float(deviation[np.argmax(np.abs(deviation))]),
                   5e-4 * swing, relative=False)  # fmt: skip
         total, kinetic = _energy(p, record)
         after = time[:-1] > OVER
-        yield Row(GROUP, f"{name}: energy it gained or lost after the push, of the most in motion", "1", 0.0,
-                  "conservation", float(np.ptp(total[after]) / np.max(kinetic[after])), 5e-4, relative=False)  # fmt: skip
+        change = float(np.ptp(total[after]) / np.max(kinetic[after]))
+        yield Row(GROUP, f"{name}: change of its energy after the push, of the most in motion", "1", 0.0,
+                  "conservation", change, 5e-4, relative=False)  # fmt: skip
 
 
 def _energy(p: Parameters, record: Record) -> tuple[Array, Array]:

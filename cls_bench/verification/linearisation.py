@@ -50,15 +50,15 @@ class Response(NamedTuple):
 def respond(subject: Subject, p: Parameters, load: float) -> Response:
     """Shake the plant of ``p``, made linear, and have the linear model say what comes of it.
 
-    A multisine of 1 Hz lines shakes the motor; a soft spring and damper hold the shaft, a constant ``load`` [N·m] on the column
-    keeps the meshes in contact. All of them are part of the torque that is measured, so the quotient of the spectra
-    over one period, once the transients are gone, is the plant's own response.
+    A multisine of 1 Hz lines shakes the motor; a soft spring and damper hold the shaft, a constant ``load`` [N·m] on
+    the column keeps the meshes in contact. All of them are part of the torque that is measured, so the quotient of the
+    spectra over one period, once the transients are gone, is the plant's own response.
     """
     p = ideal(p)
     specimen = subject.plant(p)
     motor = specimen.shafts[0]
     period = round(1.0 / specimen.step)
-    time = np.arange(2 * period) * specimen.step
+    time = np.asarray(np.arange(2 * period) * specimen.step, dtype=np.float64)
     lines = np.arange(1, TOP + 1)
     ratio = p.gearbox.ratio * levers(p.linkage).ratio
     model = plant(p, Hand(squeeze=None))

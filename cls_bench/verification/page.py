@@ -48,9 +48,9 @@ The column on the cell's spring with the crank held, and the amplifier and conve
 the column is as good as without inertia. Without a linkage the cell is a shaft.""",
     "limb": "Column and limb alone, coupled by the grip. Rod, column bearing and gravity are left out.",
     "four-bar": """\
-Rotor, linkage and column without friction and damping, the crank on a spring: pushed for 0.3 s, then free. Position by
-Lagrange's equations (`cls_bench/verification/reduced_model.py`), and the energy of all masses and springs, computed from
-the recorded angles. Limits: 0.05 % of the swing; 0.05 % of the greatest energy of motion.""",
+Rotor, linkage and column without friction and damping, the crank on a spring: pushed for 0.3 s, then free, for 2 s in
+all. Position by Lagrange's equations (`cls_bench/verification/reduced_model.py`), and the energy of all masses and
+springs, computed from the recorded angles. Limits: 0.05 % of the swing; 0.05 % of the greatest energy of motion.""",
     "linearisation": """\
 A multisine of 1 Hz lines on the motor torque, friction and backlash off, the meshes loaded on one flank. The linear
 model (`cls_bench/linear/`) is written down from the book and takes nothing from the simulation. Below the
@@ -69,18 +69,18 @@ column. There, 50 µs is enough. The order is taken from three runs at 3.1, 1.6 
 of bristles and meshes offset each other in part, so that the error at 50 µs is a third of what first order would make
 of it.""",
     "whole plant of any rig": """\
-The reduced model once more, for every kind of stage and linkage (`cls_bench/verification/rigs.py`) and for the rigs that
-come with the bench. A soft spring and damper swing the motor over half the travel, against a hand that pulls to and fro
-and takes the play out both ways; they make the path stable, so the bench's own step will do, and their torque shows all
+The reduced model once more, for every kind of stage and linkage (`cls_bench/verification/rigs.py`) and for the rigs
+that come with the bench. A soft spring and damper swing the motor over half the travel, against a hand that pulls to
+and fro and takes the play out both ways; they make the path stable, so the bench's own step will do, and their torque shows all
 that acts. A self-locking worm chatters when it lets a load down; its path follows the step, and is compared at 0.8 µs.
 Limits: 0.1 % of the travel to one side; 1 % of the torque.""",
     "whole plant in MuJoCo's elements": """\
-The same exercise on the model that viewers open: linkage closed by a constraint, meshes as tendons, friction as MuJoCo's
-LuGre element (`cls_bench/verification/twin.py`).""",
+The same exercise on the model that viewers open: linkage closed by a constraint, meshes as tendons, friction as
+MuJoCo's LuGre element (`cls_bench/verification/twin.py`).""",
     "outer loop": """\
-The bench at the edge of stability, where a delay of half a step shows. `stability_moderate` has to shake equally whatever
-the step; without friction and backlash the oscillation has to grow as the linear model says, and its onset has to be the
-linear model's.""",
+The bench at the edge of stability, where a delay of half a step shows. `stability_moderate` has to shake equally
+whatever the step; without friction and backlash the oscillation has to grow as the linear model says, and its onset has
+to be the linear model's.""",
     "several axes": """\
 Three axes in one bench, each with a hand of its own, against three benches of one axis: every recorded sample, bit for
 bit.""",

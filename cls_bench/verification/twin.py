@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from cls_bench.compiled import compiled, handle, mj_step, records
 from cls_bench.parameters import Parameters
 from cls_bench.plant import mjcf
+from cls_bench.plant.column import STRIBECK
 from cls_bench.verification.reduced_model import Guide
 
 Array = NDArray[np.float64]
@@ -128,7 +129,9 @@ def _set_stage(m: _Memory, e: Any, laws: _Laws) -> None:
 
 
 @compiled
-def _run(m: _Memory, places: _Places, stages: Any, laws: _Laws, hand: Any, guide: Guide, column: Any, motor: Any) -> None:
+def _run(
+    m: _Memory, places: _Places, stages: Any, laws: _Laws, hand: Any, guide: Guide, column: Any, motor: Any
+) -> None:
     for k in range(hand.shape[0]):
         motor[k] = guide.stiffness * (guide.angle[k] - m.qpos[places.motor])
         motor[k] += guide.damping * (guide.rate[k] - m.qvel[places.motor])
@@ -192,7 +195,7 @@ class Twin:
         bearing = model.actuator_dynprm[self._places.bearing, _LUGRE_DAMPING]
         self._laws = _Laws(
             box.breakaway_ratio, box.bristle_damping, box.stribeck_velocity, c.stop_angle, c.stop_stiffness,
-            c.stop_damping, c.coulomb_friction, float(bearing), mjcf.STRIBECK,
+            c.stop_damping, c.coulomb_friction, float(bearing), STRIBECK,
         )  # fmt: skip
 
     def run(self, hand: Array, guide: Guide) -> tuple[Array, Array]:

@@ -1,4 +1,4 @@
-"""The whole plant against the reduced model and against MuJoCo's own elements, and how its error falls with the step."""
+"""The whole plant against the reduced model and MuJoCo's own elements, and how its error falls with the step."""
 
 import math
 from collections.abc import Iterator
@@ -80,9 +80,7 @@ def record(name: str) -> Record:
     else:
         hand = 12.0 * np.sin(2.0 * np.pi * 1.5 * time) * grown
     acted: dict[str, Array] = {}
-    specimen.run(
-        time, {"column": hand}, feedback={"motor": Feedback(2.0, 0.05)}, target={"motor": target}, acted=acted
-    )
+    specimen.run(time, {"column": hand}, feedback={"motor": Feedback(2.0, 0.05)}, target={"motor": target}, acted=acted)
     return Record(time, acted["motor"], hand)
 
 
@@ -117,9 +115,9 @@ def agreement(subject: Subject) -> Iterator[Row]:
     for name in ("smooth", "backlash"):
         angles = {substeps: _angle(subject, name, substeps, 1.0) for substeps in (1, 2, 4, 8)}
         for substeps, angle in angles.items():
-            yield Row(STEPS, f"{name} record: worst deviation of the column angle in 1 s, step {_step(p, substeps):g} µs",
-                      "rad", 0.0, REFERENCE, _worst(angle - reference(name)[: len(angle)]), ALLOWED * travel,
-                      relative=False)  # fmt: skip
+            step, deviation = _step(p, substeps), angle - reference(name)[: len(angle)]
+            yield Row(STEPS, f"{name} record: worst deviation of the column angle in 1 s, step {step:g} µs", "rad", 0.0,
+                      REFERENCE, _worst(deviation), ALLOWED * travel, relative=False)  # fmt: skip
         if name == "smooth":  # the instants at which flanks change leave no order to be seen
             # In coarser steps the errors of bristles and meshes still offset each other in part.
             coarse, middle, fine = (_angle(subject, name, n, 1.0) for n in (FINEST // 4, FINEST // 2, FINEST))
@@ -130,9 +128,7 @@ def agreement(subject: Subject) -> Iterator[Row]:
 
 def closed_loop(subject: Subject) -> Iterator[Row]:
     """The bench as it is used: what the step of 50 µs costs where the controller guides the column."""
-    scenario = Scenario(
-        title="sweep", duration=3.0, hand=[Sine(at=0.0, amplitude_deg=10.0, frequency=0.7, fade=0.5)]
-    )
+    scenario = Scenario(title="sweep", duration=3.0, hand=[Sine(at=0.0, amplitude_deg=10.0, frequency=0.7, fade=0.5)])
     angles = []
     for substeps in (1, 8):
         p = subject.alter(Parameters(simulation=Simulation(substeps=substeps)))
@@ -161,7 +157,7 @@ def exercise(p: Parameters) -> Exercise:
     of the friction, and its torque shows all that acts.
     """
     step = p.rates.clock.tick_s
-    time = np.arange(round(1.0 / step) + 1) * step
+    time = np.asarray(np.arange(round(1.0 / step) + 1) * step, dtype=np.float64)
     grown = _grown(time, 0.3)
     ratio = p.gearbox.ratio * levers(p.linkage).ratio
     turns = np.array([1.0, *(1.0 / np.cumprod([stage.ratio for stage in p.gearbox.in_use])), 1.0 / ratio])
@@ -193,7 +189,7 @@ def _finer(made: Exercise, times: int) -> Exercise:
     time = np.arange((len(made.time) - 1) * times + 1) * (made.time[1] / times)
 
     def between(values: Array) -> Array:
-        return np.interp(time, made.time, values)
+        return np.asarray(np.interp(time, made.time, values))
 
     guide = made.guide
     return Exercise(time, between(made.hand), guide._replace(angle=between(guide.angle), rate=between(guide.rate)))
@@ -256,7 +252,7 @@ def twins_agree(subject: Subject) -> Iterator[Row]:
     for name, p in rigs().items():
         made, substeps = exercise(p), FINE if _is_locking(p) else 1
         yield from _compared(
-            TWIN, f"{name}, step {_step(p, substeps):.2g} µs", p, _stepped(subject, p, made, substeps),
+            TWIN, f"{name} as MJCF, step {_step(p, substeps):.2g} µs", p, _stepped(subject, p, made, substeps),
             _in_mujoco(p, made, substeps), "MuJoCo, from the MJCF",
         )  # fmt: skip
 
