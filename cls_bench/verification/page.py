@@ -71,8 +71,9 @@ of it.""",
     "whole plant of any rig": """\
 The reduced model once more, for every kind of stage and linkage (`cls_bench/verification/rigs.py`) and for the rigs
 that come with the bench. A soft spring and damper swing the motor over half the travel, against a hand that pulls to
-and fro and takes the play out both ways; they make the path stable, so the bench's own step will do, and their torque shows all
-that acts. A self-locking worm chatters when it lets a load down; its path follows the step, and is compared at 0.8 µs.
+and fro and takes the play out both ways; they make the path stable, so the bench's own step will do, and their torque
+shows all that acts. A self-locking worm chatters when it lets a load down; its path follows the step, and is compared
+at 0.8 µs.
 Limits: 0.1 % of the travel to one side; 1 % of the torque.""",
     "whole plant in MuJoCo's elements": """\
 The same exercise on the model that viewers open: linkage closed by a constraint, meshes as tendons, friction as
