@@ -1,56 +1,34 @@
 """(c) recording, (e) sweeps on two workers, (g) memory over duration."""
 
-import shutil
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 from benchmarks.conftest import Comparison, ratio
 from benchmarks.scenarios import sway
-from cls_bench.bench import Bench
-from cls_bench.experiment import run_info
-from cls_bench.recording import Recorder
+from benchmarks.versions import BEFORE, HERE, before, processes
 from cls_bench.sweep.core import evaluate_points
 from cls_bench.sweep.runs import ScenarioAt
 
-DURATION = 4.0
+DURATION = 4.0  # of a worker's run [s]
 
 
-def _run(folder: Path | None, *, rerun: bool = False) -> float:
-    """Seconds of a run from its first tick until its files are closed."""
-    scenario = sway(DURATION)
-    bench = Bench(scenario.parameters_at_start())
-    bench.compile()
-    if folder is None:
-        start = time.perf_counter()
-        for _ in bench.run(scenario):
-            pass
-        return time.perf_counter() - start
-    shutil.rmtree(folder, ignore_errors=True)
-    with Recorder(folder / "run", run_info(scenario, bench), rerun=rerun) as recorder:
-        start = time.perf_counter()
-        for block in bench.run(scenario):
-            recorder.write(block)
-        recorder.finish("complete")
-        return time.perf_counter() - start
-
-
-def test_recording(comparison: Comparison, tmp_path: Path) -> None:
-    times = comparison.times(
-        {
-            "none": lambda: _run(None),
-            "mcap": lambda: _run(tmp_path / "a"),
-            "both": lambda: _run(tmp_path / "b", rerun=True),
-        },
-        15,
-    )
-    for name, meaning, most in (("mcap", "run with MCAP", 1.15), ("both", "run with MCAP and .rrd", 1.30)):
+def test_recording(comparison: Comparison) -> None:
+    kinds = ("none", "mcap", "both")
+    with before() as old, processes(
+        *((HERE, ("run", kind), {}) for kind in kinds), (old, ("run", "mcap"), {})
+    ) as workers:  # fmt: skip
+        times = comparison.times({n: w.measure for n, w in zip((*kinds, "before"), workers, strict=True)}, 20)
+    for name, meaning, most in (("mcap", "run with MCAP", 1.20), ("both", "run with MCAP and .rrd", 1.35)):
         best = min(times[name])
         comparison.record(
             "c", f"{meaning} ÷ without recording", ratio(times, name, "none"), most=most,
-            detail=f"{DURATION:g} s in {best:.2f} s: {DURATION / best:.1f} times real time",
+            detail=f"{DURATION:g} s in {best:.2f} s: {DURATION / best:.0f} times real time",
         )  # fmt: skip
+    comparison.record(
+        "c", f"run with MCAP of {BEFORE} ÷ ours", ratio(times, "before", "mcap"), least=1.5,
+        detail=f"{DURATION / min(times['before']):.0f} times real time before",
+    )  # fmt: skip
 
 
 def test_sweep_on_two_workers(comparison: Comparison) -> None:

@@ -20,13 +20,13 @@ from cls_bench.bench import Bench, DivergedError, OuterLoop, versions
 from cls_bench.claims import claim_stem, file_name
 from cls_bench.compiled import is_cached
 from cls_bench.controllers import Controller, Place
+from cls_bench.drivers import scripted
 from cls_bench.errors import BenchError, ControllerError, ExitCode, InputError, Interrupted
 from cls_bench.parameters import Parameters
 from cls_bench.recording import Recorder, Recording, RunInfo
 from cls_bench.recording.recorder import COMPLETE
-from cls_bench.run_log import Trip
-from cls_bench.drivers import scripted
 from cls_bench.rigs import Rig
+from cls_bench.run_log import Trip
 from cls_bench.scenario import Check, ExpectedTrip, Scenario, load_scenario
 from cls_bench.signals import Event
 from cls_bench.text import utf8
@@ -193,8 +193,8 @@ def run(
 ) -> Result:
     """Run a scenario, shipped by name, from a file or as an object; record it in the folder ``out``; measure it.
 
-    ``seed``, ``set`` (``KEY=VALUE``) and ``rig`` override the file's values. ``controller`` replaces the feel model, or the
-    scenario's own controller: an object, or ``"FILE.py:NAME"``, ``"package.module:NAME"``, or a
+    ``seed``, ``set`` (``KEY=VALUE``) and ``rig`` override the file's values. ``controller`` replaces the feel model, or
+    the scenario's own controller: an object, or ``"FILE.py:NAME"``, ``"package.module:NAME"``, or a
     :class:`~cls_bench.controllers.Place` with arguments. Raises InputError and OutputError, and ControllerError if a
     controller cannot be made. A run that diverges, or whose controller fails, is a Result with that status; its
     recording ends there.
@@ -212,7 +212,8 @@ def run(
         progress.compiling()
     bench.compile()
     topics = scenario.record.topics(bench.topics)
-    memory = None if holds_all(topics, bench.topics, bench.clock) else Memory(scenario.checks, bench.clock, bench.topics)
+    whole = holds_all(topics, bench.topics, bench.clock)
+    memory = None if whole else Memory(scenario.checks, bench.clock, bench.topics)
     failure: BenchError | None = None
     events: list[Event] = []
     simulated, recorder = 0.0, None
@@ -372,7 +373,8 @@ def run_info(scenario: Scenario, bench: Bench, controller: Mapping[str, bytes | 
         mjcf={**bench.mjcf, **scenario.sample_files, **files},
         parameters=bench.parameters.model_dump(),
         metadata={
-            **scenario.the_rig.metadata, "title": scenario.title, "seed": str(scenario.seed), "overrides": json.dumps(scenario.overrides),
+            **scenario.the_rig.metadata, "title": scenario.title, "seed": str(scenario.seed),
+            "overrides": json.dumps(scenario.overrides),
             **({"notes": "\n".join(scenario.notes)} if scenario.notes else {}),
             "units": "SI; radians", "commit": _commit(), **{name: utf8(text) for name, text in about.items()},
             **versions(),

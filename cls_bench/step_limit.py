@@ -6,7 +6,7 @@ radius, at neutral and at both stops, with every contact closed or open and the 
 as stiff as it can get::
 
     v⁺ = v + h M⁻¹ (K i e_θ − Σ a (c gᵀq + d gᵀv) − Σ (σ0 z⁺ + σ1 v)),   q⁺ = q + h v⁺,   z⁺ = z + h v
-    i⁺ = E i − (1 − E) K/R ω,   E = exp(−h R/L)
+    i⁺ = E i − (1 − E) K/R ω⁺,   E = exp(−h R/L)
 
 a = g, but in a mesh that is driven: its friction follows its torque, and adds its loss to what the input shaft feels.
 q are the angles of the shafts from motor to crank, of column and limb, z the bristle deflections of the stages and of
@@ -70,8 +70,7 @@ def _unstable_parameter(parameters: str) -> tuple[str, str] | None:
     p = Parameters.model_construct(**{
         name: type(getattr(_DEFAULT, name)).model_validate(values) for name, values in json.loads(parameters).items()
     })  # fmt: skip
-    tick = p.rates.current_cycle
-    step = tick / p.simulation.substeps
+    step = p.rates.current_cycle / p.simulation.substeps
     if _spectral_radius(p, step) <= _STABLE:
         return None
     key, factor = _blame(p, step)
@@ -79,13 +78,18 @@ def _unstable_parameter(parameters: str) -> tuple[str, str] | None:
     value, unit = next(
         (value, about["unit"]) for name, value, about in leaves(getattr(p, section)) if name == rest
     )
-    more = range(p.simulation.substeps + 1, MOST_SUBSTEPS + 1)
-    enough = next((n for n in more if _spectral_radius(p, tick / n) <= _STABLE), None)
+    enough = enough_substeps(p)
     return key, (
         f"{value:g}{'' if unit == '1' else ' ' + unit} is too {'high' if factor < 1.0 else 'low'} for a plant step of "
         f"{step * 1e6:g} µs, which would be unstable; "
         + (f"simulation.substeps = {enough} carries it" if enough else "no number of substeps carries it")
     )
+
+
+def enough_substeps(p: Parameters) -> int | None:
+    """The least number of substeps, from those of ``p`` on, that carry it; None if none do."""
+    counts = range(p.simulation.substeps, MOST_SUBSTEPS + 1)
+    return next((n for n in counts if _spectral_radius(p, p.rates.current_cycle / n) <= _STABLE), None)
 
 
 def check_step(p: Parameters) -> None:
@@ -225,8 +229,8 @@ class _Chain:
         for number, (joint, _, _) in enumerate(bristles):
             matrix[2 * n + number, n + joint] = step
         decay = math.exp(-step * p.motor.resistance / p.motor.inductance)
-        matrix[current, current] = decay
-        matrix[current, n + MOTOR] = -(1.0 - decay) * p.motor.torque_constant / p.motor.resistance
+        matrix[current] = -(1.0 - decay) * p.motor.torque_constant / p.motor.resistance * matrix[n + MOTOR]
+        matrix[current, current] += decay
         return matrix
 
 

@@ -2,6 +2,7 @@
 
 import csv
 import dataclasses
+import functools
 import math
 import time
 from collections.abc import Callable
@@ -29,14 +30,63 @@ HERTZ = FiniteRange(0, 1e4, min_open=True)
 _LOOPS = ("velocity-loop", "position-loop", "outer-loop", "rendered-admittance")
 
 
+@dataclasses.dataclass(frozen=True)
+class GivenSetup:
+    """What the command line says of the bench and of the hand on it."""
+
+    rig: str | None
+    overrides: tuple[str, ...]
+    grip: str
+    by_force: bool
+    ideal: bool
+
+    def of(self) -> "Setup":
+        """The operating point. Raises InputError."""
+        from cls_bench.linear.hand import Hand
+        from cls_bench.linear.variation import Setup
+        from cls_bench.linear.variation import ideal as idealised
+        from cls_bench.scenario import parameters_of
+
+        p = parameters_of(self.rig, self.overrides)
+        squeeze: float | None = None
+        if self.grip != "off":
+            try:
+                squeeze = float(self.grip)
+            except ValueError:
+                squeeze = math.nan
+            if not 0.0 <= squeeze <= 1.0:
+                raise InputError(f"--grip {self.grip}: must be a number from 0 (loose) to 1 (tight), or off")
+        elif self.by_force:
+            raise InputError("--by-force: a hand that is off pushes with no force; give it a --grip from 0 to 1")
+        return Setup(idealised(p) if self.ideal else p, Hand(squeeze, arm=not self.by_force))
+
+
 def _setup_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Options of the bench and the hand; passed on as ``given``."""
+
+    @functools.wraps(function)
+    def command(
+        *arguments: Any, rig: str | None, overrides: tuple[str, ...], ideal: bool, grip: str = "1",
+        by_force: bool = False, **options: Any,
+    ) -> Any:  # fmt: skip
+        return function(*arguments, given=GivenSetup(rig, overrides, grip, by_force, ideal), **options)
+
+    wrapped: Callable[..., Any] = command
     for option in (
         click.option("--set", "overrides", metavar="KEY=VALUE", multiple=True,
                      help="Override a parameter, such as feel.inertia=0.25; may be given again."),
         rig_option,
+        click.option("--ideal", is_flag=True, help="Without friction, backlash, noise and coarse counts."),
+    ):  # fmt: skip
+        wrapped = option(wrapped)
+    return wrapped
+
+
+def _grip_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    for option in (
+        click.option("--by-force", is_flag=True, help="The hand pushes with a force; no arm holds its place."),
         click.option("--grip", default="1", show_default=True, metavar="0…1|off",
                      help="How tightly the hand grips, 0 loose to 1 tight, or off."),
-        click.option("--ideal", is_flag=True, help="Without friction, backlash, noise and coarse counts."),
     ):  # fmt: skip
         function = option(function)
     return function
@@ -54,24 +104,6 @@ def _trial_options(function: Callable[..., Any]) -> Callable[..., Any]:
     ):  # fmt: skip
         function = option(function)
     return function
-
-
-def _setup(rig: str | None, overrides: tuple[str, ...], grip: str, ideal: bool) -> "Setup":
-    from cls_bench.linear.hand import Hand
-    from cls_bench.linear.variation import Setup
-    from cls_bench.linear.variation import ideal as idealised
-    from cls_bench.scenario import parameters_of
-
-    p = parameters_of(rig, overrides)
-    squeeze: float | None = None
-    if grip != "off":
-        try:
-            squeeze = float(grip)
-        except ValueError:
-            squeeze = math.nan
-        if not 0.0 <= squeeze <= 1.0:
-            raise InputError(f"--grip {grip}: must be a number from 0 (loose) to 1 (tight), or off")
-    return Setup(idealised(p) if ideal else p, Hand(squeeze))
 
 
 def _standard(ideal: bool, rate_deg: float | None, pulse: float | None, seed: int) -> "Standard":
@@ -126,6 +158,7 @@ def _finite(value: Any) -> Any:
 @click.command("frequency-response")
 @click.argument("loop", type=click.Choice(_LOOPS))
 @_setup_options
+@_grip_options
 @click.option("--excitation", type=click.Choice(["multisine", "stepped-sine", "chirp"]),
               help="How it is excited.  [default: multisine; the rendered admittance: chirp]")  # fmt: skip
 @click.option("--amplitude", type=FiniteRange(0, min_open=True),
@@ -139,8 +172,8 @@ def _finite(value: Any) -> Any:
               help="Folder for CSV and figures.  [default: recordings/LOOP]")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of tables.")
 def frequency_response(
-    loop: str, rig: str | None, overrides: tuple[str, ...], grip: str, ideal: bool, excitation: str | None,
-    amplitude: float | None, from_hz: float, to_hz: float, points: int, out: Path | None, as_json: bool,
+    loop: str, given: GivenSetup, excitation: str | None, amplitude: float | None,
+    from_hz: float, to_hz: float, points: int, out: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
     """Measure a loop's frequency response on the running simulation.
 
@@ -153,7 +186,7 @@ def frequency_response(
     from cls_bench.stability import figures
     from cls_bench.stability.response import Excitation, measure
 
-    setup = _setup(rig, overrides, grip, ideal)
+    setup = given.of()
     through_hand = loop == "rendered-admittance"
     measured = measure(
         setup, loop,
@@ -215,8 +248,9 @@ def _numbers(response: "FrequencyResponse", kind: str, loop: str) -> dict[str, f
 
 @click.command()
 @_setup_options
+@_grip_options
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of tables.")
-def predict(rig: str | None, overrides: tuple[str, ...], grip: str, ideal: bool, as_json: bool) -> None:
+def predict(given: GivenSetup, as_json: bool) -> None:
     """Predict stability and margins from the linear model, with Eq. 3.16 beside it."""
     from threadpoolctl import threadpool_limits
 
@@ -224,7 +258,7 @@ def predict(rig: str | None, overrides: tuple[str, ...], grip: str, ideal: bool,
     from cls_bench.linear.prediction import predict as predicted
     from cls_bench.linear.variation import variation
 
-    setup = _setup(rig, overrides, grip, ideal)
+    setup = given.of()
 
     def unit(name: str) -> str:
         return variation(name, of=setup.parameters).unit
@@ -266,21 +300,21 @@ def predict(rig: str | None, overrides: tuple[str, ...], grip: str, ideal: bool,
 @click.option("--tolerance", type=FiniteRange(0.0005, 0.2), default=0.02, show_default=True,
               help="Width of the final bracket over its value.")  # fmt: skip
 @_setup_options
+@_grip_options
 @_trial_options
 @controller_options
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of tables.")
 def onset(
-    vary: str, low: float | None, high: float | None, tolerance: float, rig: str | None, overrides: tuple[str, ...],
-    grip: str, ideal: bool, rate_deg: float | None, pulse: float | None, seed: int, controller: GivenController,
-    as_json: bool,
+    vary: str, low: float | None, high: float | None, tolerance: float, given: GivenSetup,
+    rate_deg: float | None, pulse: float | None, seed: int, controller: GivenController, as_json: bool,
 ) -> None:  # fmt: skip
     """Search where the running bench turns unstable."""
     from cls_bench.linear.variation import variation
 
-    setup = _setup(rig, overrides, grip, ideal)
+    setup = given.of()
     quantity = variation(vary, low, high, of=setup.parameters)
     found = _find(
-        controller, setup, quantity, _standard(ideal, rate_deg, pulse, seed), quiet=as_json,
+        controller, setup, quantity, _standard(given.ideal, rate_deg, pulse, seed), quiet=as_json,
         tolerance=tolerance,
     )  # fmt: skip
     last = found.last_unstable
@@ -330,6 +364,7 @@ def _trial_line(unit: str, quiet: bool) -> Any:
 @click.option("--size", type=(click.IntRange(2, 500), click.IntRange(2, 500)), default=(20, 20), show_default=True,
               help="Columns and rows.")  # fmt: skip
 @_setup_options
+@_grip_options
 @_trial_options
 @click.option("--out", type=click.Path(path_type=Path), help="Folder.  [default: recordings/stability-map]")
 @click.option("--resume", is_flag=True, help="Continue a map that was interrupted.")
@@ -338,8 +373,8 @@ def _trial_line(unit: str, quiet: bool) -> Any:
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of text.")
 def stability_map(
     x: str, y: str, x_range: tuple[float, float] | None, y_range: tuple[float, float] | None, size: tuple[int, int],
-    rig: str | None, overrides: tuple[str, ...], grip: str, ideal: bool, rate_deg: float | None, pulse: float | None,
-    seed: int, out: Path | None, resume: bool, scheduler: str, as_json: bool,
+    given: GivenSetup, rate_deg: float | None, pulse: float | None, seed: int,
+    out: Path | None, resume: bool, scheduler: str, as_json: bool,
 ) -> None:  # fmt: skip
     """Map stability over two quantities: a trial at each point, beside the linear model and Eq. 3.16.
 
@@ -353,7 +388,7 @@ def stability_map(
     from cls_bench.stability import figures
     from cls_bench.stability.map import Grid, compute, default_grid, table
 
-    setup = _setup(rig, overrides, grip, ideal)
+    setup = given.of()
     usual = default_grid(setup.parameters)
     axes = []
     for name, ends, default in ((x, x_range, usual.x), (y, y_range, usual.y)):
@@ -365,7 +400,7 @@ def stability_map(
         with points_progress(quiet=as_json) as report:
             result = compute(
                 setup, Grid(axes[0], axes[1], *size),
-                _standard(ideal, rate_deg, pulse, seed), journal=journal, resume=resume, scheduler=scheduler,
+                _standard(given.ideal, rate_deg, pulse, seed), journal=journal, resume=resume, scheduler=scheduler,
                 report=report, say=lambda line: click.echo(line, err=True),
             )  # fmt: skip
     except KeyboardInterrupt:
@@ -393,13 +428,14 @@ def stability_map(
 
 @click.command()
 @_setup_options
+@_grip_options
 @_trial_options
 @click.option("--out", type=click.Path(path_type=Path), help="Folder.  [default: recordings/stabilisers]")
 @click.option("--scheduler", default="threads", show_default=True, metavar="WHERE", help="As for stability-map.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of a table.")
 def stabilisers(
-    rig: str | None, overrides: tuple[str, ...], grip: str, ideal: bool, rate_deg: float | None, pulse: float | None,
-    seed: int, out: Path | None, scheduler: str, as_json: bool,
+    given: GivenSetup, rate_deg: float | None, pulse: float | None, seed: int,
+    out: Path | None, scheduler: str, as_json: bool,
 ) -> None:  # fmt: skip
     """Least stable simulated inertia with and without what a designer can do about it."""
     began = time.time()
@@ -408,10 +444,10 @@ def stabilisers(
     from cls_bench.stability import figures
     from cls_bench.stability.stabilisers import compare, search_range
 
-    setup = _setup(rig, overrides, grip, ideal)
+    setup = given.of()
     with points_progress(quiet=as_json) as report:
         found = compare(
-            setup, _standard(ideal, rate_deg, pulse, seed), scheduler=scheduler, report=report
+            setup, _standard(given.ideal, rate_deg, pulse, seed), scheduler=scheduler, report=report
         )
     folder = results_folder(out or RECORDINGS / "stabilisers", began)
     try:
@@ -446,16 +482,14 @@ def check() -> None:
 @click.option("--min-margin", type=FiniteRange(0, 1e3), metavar="M",
               help="Least share by which I_fwd may still grow from the present limb and column to the onset: "
                    "onset / present - 1.  [default: 0, the present hand must be stable]")  # fmt: skip
-@rig_option
-@click.option("--set", "overrides", metavar="KEY=VALUE", multiple=True, help="Override a parameter.")
-@click.option("--ideal", is_flag=True, help="Without friction, backlash, noise and coarse counts.")
+@_setup_options
 @_trial_options
 @controller_options
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of text.")
 @click.pass_context
 def check_onset(
-    ctx: click.Context, min_ratio: float | None, min_margin: float | None, rig: str | None, overrides: tuple[str, ...],
-    ideal: bool, rate_deg: float | None, pulse: float | None, seed: int, controller: GivenController, as_json: bool,
+    ctx: click.Context, min_ratio: float | None, min_margin: float | None, given: GivenSetup,
+    rate_deg: float | None, pulse: float | None, seed: int, controller: GivenController, as_json: bool,
 ) -> None:  # fmt: skip
     """Pass if a tight grip stays stable up to I_fwd = R · I_fcs, and the present hand is stable by a margin.
 
@@ -469,8 +503,8 @@ def check_onset(
     if min_ratio is None and min_margin is None:
         raise InputError("check onset: give --min-ratio, --min-margin, or both")
     wanted = 0.0 if min_margin is None else min_margin
-    setup = _setup(rig, overrides, "1", ideal)
-    standard = _standard(ideal, rate_deg, pulse, seed)
+    setup = given.of()
+    standard = _standard(given.ideal, rate_deg, pulse, seed)
     vary = variation("forward_inertia", of=setup.parameters)
     found = _find(controller, setup, vary, standard, quiet=True, follow=False)
     inertia, present = setup.parameters.feel.inertia, forward_inertia(setup.parameters, setup.hand)

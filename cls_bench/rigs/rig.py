@@ -39,6 +39,7 @@ from cls_bench.rigs import data_sheet
 from cls_bench.rigs.data_sheet import DataSheet
 from cls_bench.rigs.derivation import Derived, derived
 from cls_bench.rigs.tuning import bandwidths, in_proportion
+from cls_bench.step_limit import enough_substeps
 from cls_bench.text import escaped
 
 THESIS = "thesis"
@@ -154,7 +155,8 @@ def _built(about: RigFile) -> tuple[Parameters, list[Derived]]:
         parameters = override(Parameters(), {entry.key: entry.value for entry in follows} | stated)
     except FaultError as fault:
         raise FaultError(_origin(fault.key, stated, follows), fault.problem) from None
-    rules = [entry for entry in [*bandwidths(parameters), *in_proportion(parameters)] if entry.key not in stated]
+    rules = [*bandwidths(parameters), *in_proportion(parameters), *_substeps(parameters)]
+    rules = [entry for entry in rules if entry.key not in stated]
     parameters = parameters_with("parameters", parameters, {entry.key: entry.value for entry in rules})
     parameters = parameters.with_nameplate()
     if about.nameplate:
@@ -163,6 +165,15 @@ def _built(about: RigFile) -> tuple[Parameters, list[Derived]]:
         except FaultError as fault:
             raise FaultError(fault.key, fault.problem) from None
     return parameters, [*follows, *rules]
+
+
+def _substeps(p: Parameters) -> list[Derived]:
+    """More steps of the plant in a tick where its fastest motion asks for them."""
+    enough = enough_substeps(p)
+    if enough is None or enough == p.simulation.substeps:
+        return []
+    step = p.rates.current_cycle * 1e6 / p.simulation.substeps
+    return [Derived("simulation.substeps", enough, f"a plant step of {step:g} µs would be unstable")]
 
 
 def _origin(key: str, stated: Mapping[str, Any], follows: list[Derived]) -> str:

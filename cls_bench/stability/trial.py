@@ -1,10 +1,11 @@
 """One trial: does the bench, disturbed once, calm down? Decided by the growth rate of the recorded oscillation.
 
 The standard trial has the hand on the column from the start, at the squeeze in question. Either it holds still, or it
-moves the column from −10° to 10° at a constant rate: in motion the gearbox slides all the time, so its friction does
-not hold an oscillation back as it does at rest (the pilot of thesis 4.4 pulls the column and then squeezes). Then a
-short torque pulse strikes the feel model (T_dis of thesis 3.5.2), as a tap on the control surface would, and from then
-on the oscillation of the column is fitted in windows of 0.12 s (:mod:`cls_bench.analysis.growth`).
+moves the column from −10° to 10° at a constant rate (one that pushes with a force alone sways it): in motion the
+gearbox slides all the time, so its friction does not hold an oscillation back as it does at rest (the pilot of thesis
+4.4 pulls the column and then squeezes). Then a short torque pulse strikes the feel model (T_dis of thesis 3.5.2), as a
+tap on the control surface would, and from then on the oscillation of the column is fitted in windows of 0.12 s
+(:mod:`cls_bench.analysis.growth`).
 
 The run ends as soon as the windows agree: four in a row with growth rates that agree, or a safety trip. Where friction
 or backlash make the growth rate depend on amplitude they may never agree; then the trend of the amplitude over the
@@ -24,7 +25,7 @@ from cls_bench.errors import InputError
 from cls_bench.linear.bench import SLOW
 from cls_bench.linear.variation import Setup
 from cls_bench.parameters import Parameters
-from cls_bench.pilot import constant, ramp
+from cls_bench.pilot import constant, ramp, sine
 from cls_bench.signals import Block, Clock
 from cls_bench.stability import driving
 from cls_bench.stability.driving import Change, Part, Script
@@ -38,6 +39,9 @@ WINDOW, HOP = 150, 50
 
 BAND = (SLOW, 300.0)
 """Frequencies of the loop's oscillation [Hz]."""
+
+PUSH, PUSH_FREQUENCY = 8.0, 0.5
+"""Force [N] of a hand that pushes with a force alone, and how often it goes to and fro [Hz]."""
 
 _MOTION_AT = 0.32
 """When a moving hand starts on its way [s]."""
@@ -123,9 +127,9 @@ def script(setup: Setup, standard: Standard, *, pulse: bool = True) -> Script:
     """The trial: what the hand does, and the pulse on the feel model."""
     hand = setup.hand
     parts = []
-    if hand.squeeze is not None:
-        if not hand.arm:
-            raise InputError("a trial needs an arm that holds its place")
+    if hand.squeeze is not None and not hand.arm:
+        parts.append(Part(0.0, sine(PUSH if standard.rate_deg > 0 else 0.0, PUSH_FREQUENCY, 0.0, 0.0)))
+    elif hand.squeeze is not None:
         parts.append(Part(0.0, constant(0.0)))
         if standard.rate_deg > 0:
             over = 2.0 * standard.travel_deg / standard.rate_deg
