@@ -55,18 +55,30 @@ class Motor(Section):
     )  # fmt: skip
 
 
+StageKind = Literal["planetary", "spur", "belt", "worm"]
+"""What a gear stage can be. A further kind stands here, in the two tuples below if it is like that, and has a way of
+being drawn in :mod:`cls_bench.plant.shapes`; a law of its own would be in :mod:`cls_bench.plant.gearbox`."""
+
+CARRIED: tuple[StageKind, ...] = ("planetary",)
+"""Kinds whose mesh turns with the output, as planets with their carrier, so that its teeth pass at the difference."""
+
+TOOTHLESS: tuple[StageKind, ...] = ("belt",)
+"""Kinds whose teeth, if any, do not ripple."""
+
+
 class GearStage(Section):
     """One gear stage: elastic mesh with backlash, transmission error, and friction that follows the load.
 
     Torque, stiffness, backlash and transmission error are measured at the stage's output shaft, drag at its input.
     """
 
-    kind: Literal["planetary", "spur", "belt", "worm"] = quantity(
+    kind: StageKind = quantity(
         "planetary", "1", "what it is: decides how its teeth pass, and how it is drawn",
         "thesis 3.2.2: planetary",
     )  # fmt: skip
     ratio: float = quantity(
-        5.0, "1", "turns of the input for one of the output", "thesis 3.2.2: 25 in two stages; 5 × 5 is the usual split",
+        5.0, "1", "turns of the input for one of the output",
+        "thesis 3.2.2: 25 in two stages; 5 × 5 is the usual split",
         ge=0.1, le=1000,
     )  # fmt: skip
     teeth: int = quantity(
@@ -106,6 +118,11 @@ class GearStage(Section):
     transmission_error: float = quantity(
         0.0, "rad", "amplitude of the transmission error at the tooth-passing frequency", "", ge=0, le=0.01
     )
+
+    @property
+    def carried(self) -> bool:
+        """Whether its mesh turns with the output."""
+        return self.kind in CARRIED
 
 
 MOST_STAGES = 3
@@ -245,7 +262,8 @@ class Linkage(Section):
         "thesis figure 3.4: horizontal", ge=-math.pi, le=math.pi,
     )  # fmt: skip
     arm_angle: float = quantity(
-        0.0, "rad", "column arm at neutral, from the vertical towards the pilot's forward", "thesis figure 3.4: vertical",
+        0.0, "rad", "column arm at neutral, from the vertical towards the pilot's forward",
+        "thesis figure 3.4: vertical",
         ge=-math.pi, le=math.pi,
     )  # fmt: skip
     crank_inertia: float = quantity(9.40e-4, "kg·m²", "crank about its axis", "thesis table 3.3", ge=1e-8, le=10)
@@ -332,7 +350,8 @@ class LoadCell(Section):
         0.0, "1/s", "mean number of spikes in a second", "chosen: none", ge=0, le=1e4, live=True
     )
     wire: Literal["whole", "supply_broken", "signal_broken"] = quantity(
-        "whole", "1", "its cable; without supply it shows 0, with a broken signal wire the amplifier runs to full scale",
+        "whole", "1",
+        "its cable; without supply it shows 0, with a broken signal wire the amplifier runs to full scale",
         "chosen: whole", live=True,
     )  # fmt: skip
 

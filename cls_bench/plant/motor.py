@@ -22,9 +22,9 @@ def cogging(motor: Any, angle: float) -> float:
 
 @compiled
 def flow(motor: Any, mechanism: Any, body: Any, velocity: float) -> None:
-    """Current and temperature after the step which led here, with the voltage that :func:`torque` left and ``velocity``.
+    """Current and temperature after the step which led here, with the voltage that :func:`torque` left.
 
-    The velocity is the one that has moved the rotor over that step, so the back-EMF takes from the circuit what the
+    ``velocity`` is the one that has moved the rotor over that step, so the back-EMF takes from the circuit what the
     torque gives to the shaft.
     """
     heat = motor.resistance * body.current * body.current * motor.thermal_resistance

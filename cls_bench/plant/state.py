@@ -105,6 +105,7 @@ BODY = np.dtype(
         ("zero", np.float64),  # of the load cell [N]
         ("crept", np.float64),  # [N]
         ("strain_force", np.float64),  # what the strain gauge sees [N]
+        ("shown_force", np.float64),  # what its amplifier is given, with all that is wrong with the cell [N]
     ]
 )  # fmt: skip
 

@@ -180,7 +180,12 @@ def _stage(c: Constants, k: int, before: float, behind: float, v_before: float, 
     stretch = before / c.ratio[k] - behind - c.error[k] * wave
     torque = _contact(stretch, d_before * v_before + d_behind * v_behind, c.half[k], c.stiffness[k], c.damping[k])
     back = z * torque < 0.0
-    level = (c.drag_back[k] if back else c.drag[k]) + (c.loss_back[k] if back else c.loss[k]) * abs(torque) / c.ratio[k]
+    handed = abs(torque) / c.ratio[k]
+    half, middle = 0.5 * (c.drag_back[k] - c.drag[k]), 0.5 * (c.drag_back[k] + c.drag[k])
+    # The drag on a straight line through its mean where nothing is handed on, until it is one of the two.
+    away = min(0.5 * handed, abs(half)) * (1.0 if half > 0.0 else -1.0)
+    drag = middle + away if back else middle - away
+    level = drag + (c.loss_back[k] if back else c.loss[k]) * handed
     level *= 1.0 + c.ripple[k] * wave
     friction, z_rate = _lugre(
         z, v_before, level, level * c.breakaway, c.mesh_stribeck, c.mesh_bristle, c.mesh_bristle_damping

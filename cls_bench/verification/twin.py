@@ -121,9 +121,11 @@ def _set_stage(m: _Memory, e: Any, laws: _Laws) -> None:
         m, e.tendon, length, lever * v_before + counter * v_behind, length - twist, 0.5 * e.backlash, e.stiffness,
         e.damping,
     )  # fmt: skip
-    drag, loss = e.drag, e.loss
-    if m.act[e.bristle] * torque < 0.0:
-        drag, loss = e.drag_back, e.loss_back
+    back = m.act[e.bristle] * torque < 0.0
+    loss, drag, change = e.loss_back if back else e.loss, e.drag, e.drag_back - e.drag
+    if change != 0.0:  # from the one to the other on a straight line, to either side as long as they differ
+        way = (-abs(torque) if back else abs(torque)) / e.ratio
+        drag += change * min(max(0.5 * (1.0 - way / abs(change)), 0.0), 1.0)
     level = (drag + loss * abs(torque) / e.ratio) * (1.0 + e.ripple * math.sin(phase))
     _rub(m, e.actuator, e.bristle, v_before, level, laws.breakaway, laws.mesh_damping, laws.mesh_stribeck)
 
