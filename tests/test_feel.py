@@ -11,8 +11,9 @@ from scipy.linalg import expm
 
 from cls_bench.control import feel, plc
 from cls_bench.parameters import Feel, Parameters, TravelLimit, record_of
-from cls_bench.signals import PLC_S
+from cls_bench.signals import CLOCK
 
+PLC_S = CLOCK.plc_s
 NO_LIMITS = {
     "aft_limit": TravelLimit(angle=0.5, stiffness=0.0, damping=0.0),
     "forward_limit": TravelLimit(angle=0.55, stiffness=0.0, damping=0.0),

@@ -8,6 +8,7 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 import tracemalloc
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -19,12 +20,15 @@ import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner, Result
 
+from cls_bench import tick
 from cls_bench.analysis.window import Window
 from cls_bench.bench import Bench, DivergedError
 from cls_bench.cli import main
 from cls_bench.cli.worker import THREAD_MB, Limits
+from cls_bench.drivers import scripted
 from cls_bench.errors import InputError
 from cls_bench.experiment import run
+from cls_bench.hand import HandSamples
 from cls_bench.parameters import Parameters
 from cls_bench.scenario import Check, Scenario, load_scenario
 from cls_bench.signals import TOPICS, Block
@@ -407,7 +411,7 @@ def test_memory_gives_what_a_recording_gives(tmp_path: Path, file: Any) -> None:
 
 def in_memory(scenario: Scenario, checks: Sequence[Check]) -> Memory:
     memory = Memory(checks)
-    for block in Bench(Parameters(), seed=scenario.seed).run(scenario):
+    for block in scripted.run(Bench(Parameters(), seed=scenario.seed), scenario):
         memory.keep(block)
     return memory
 
@@ -551,11 +555,10 @@ def test_a_controller_that_cannot_be_made_has_failed(file: Any, tmp_path: Path) 
 
 
 def test_no_memory_is_no_wrong_model(monkeypatch: pytest.MonkeyPatch) -> None:
-    class Spec:
-        def compile(self) -> None:
-            raise ValueError("Error: Could not allocate memory")
+    def compile_nothing(spec: object) -> None:
+        raise ValueError("Error: Could not allocate memory")
 
-    monkeypatch.setattr("cls_bench.plant.model.stepped_spec", lambda parameters: Spec())
+    monkeypatch.setattr("cls_bench.plant.model.mujoco.MjSpec.compile", compile_nothing)
     with pytest.raises(MemoryError, match="no memory"):
         Bench(Parameters())
 
@@ -563,15 +566,16 @@ def test_no_memory_is_no_wrong_model(monkeypatch: pytest.MonkeyPatch) -> None:
 class Fragile(Bench):
     """A bench that leaves all bounds after its first block if the rendered inertia is low."""
 
-    def run(self, scenario: Scenario) -> Iterator[Block]:
-        for block in super().run(scenario):
-            yield block
-            if self.parameters.feel.inertia < 0.3:
-                raise DivergedError(self.time, "motor current")
+    def advance(self, hand: HandSamples | Sequence[HandSamples] | tick.Hand, *, last: bool = False) -> Block:
+        block = super().advance(hand, last=last)
+        if self.parameters.feel.inertia < 0.3:
+            self.failure = DivergedError(self.time, "motor current")
+        return block
 
 
 def test_diverged_points_are_rows(file: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cls_bench.sweep.runs.Bench", Fragile)
+    monkeypatch.setattr("cls_bench.sweep.runs._used", threading.local())  # no bench of another test's is used again
     sweep = """
 title = "Before and after"
 scenario = "push.toml"

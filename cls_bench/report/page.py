@@ -238,8 +238,13 @@ def _energy(run: RecordedRun) -> Section:
         *((f"lost: {name}", value) for name, value in audit.losses.items()),
         ("more stored at the end than at the start", sum(audit.stored.values())),
         ("does not balance", audit.residual),
+        ("beside it: electrical input of the motor", audit.electrical),
         ("beside it: heat in the winding", audit.copper_loss),
     ]
+    if audit.limb:
+        entries += [
+            ("beside it: work of the arm", audit.limb["arm"]), ("beside it: lost in the grip", audit.limb["grip lost"])
+        ]  # fmt: skip
     rows = [(name, number(value), number(value / audit.duration)) for name, value in entries]
     text = (
         "What motor and hand put into the mechanism, and where it went, from the recorded signals alone. The books "

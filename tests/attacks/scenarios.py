@@ -293,12 +293,13 @@ def _mutated(rng: Rng) -> tuple[str, bytes]:
 def _begin(path: Path) -> None:
     """What is valid can be run: its first 0.2 s end without an error, or with one that is said."""
     from cls_bench.bench import Bench
+    from cls_bench.drivers import scripted
     from cls_bench.errors import BenchError
     from cls_bench.scenario import load_scenario
 
     scenario = load_scenario(path)
     try:
-        block = next(iter(Bench(scenario.parameters_at_start(), seed=scenario.seed).run(scenario)))
+        block = next(scripted.run(Bench(scenario.parameters_at_start(), seed=scenario.seed), scenario))
     except BenchError:
         return
     lost = [topic for topic, rows in block.signals.items() if not np.isfinite(rows).all()]

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import HealthCheck, given, reject, settings
 from hypothesis import strategies as st
 
-from cls_bench.verification.random_trials import accepted_trial, random_overrides, random_parameters, trial
+from cls_bench.verification.random_trials import accepted_trial, random_parameters, random_values, trial
 
 
 def check(data: st.DataObject, bold: float) -> None:
@@ -44,12 +44,12 @@ def accepted(count: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
     tried = ran = 0
     while ran < count:
-        overrides = random_overrides(rng.random)
-        outcome = accepted_trial(overrides)
+        values = random_values(rng.random)
+        outcome = accepted_trial(values)
         tried += 1
         if not outcome.startswith("not accepted"):
             ran += 1
-            assert outcome == "ran" or outcome.startswith("DivergedError: diverged at t"), (overrides, outcome)
+            assert outcome == "ran" or outcome.startswith("DivergedError: diverged at t"), (values, outcome)
     assert tried < 2.5 * count  # or the bounds would say little
 
 
