@@ -24,10 +24,11 @@ Association): inertias of 1 and 1.5 kg·m², ratio 2, mesh efficiency 0.5 both w
 it: its friction over the torque it carries on is 1/η − 1 = 1 when driving and 1 − η = 0.5 when driven back. The
 reference is rigid, so mesh and bristles are set as stiff as the finest step carries. With a drag that is 2.5 times as
 much when the load drives, the reference is a rigid gear solved from event to event
-(`cls_bench/verification/lossy_gear.py`), which without drag gives Modelica's result.""",
+(`cls_bench/verification/lossy_gear.py`), which without drag gives Modelica's result. Where the torque changes its way,
+the bench passes from one drag to the other over as much torque as they differ by; that is part of the rigs below.""",
     "drive and back-drive": """\
 The whole gearbox at a steady speed against a viscous brake: power out over power in. Ripple and transmission error are
-off, as the efficiency is a mean over the teeth. Then the same with one stage (whose drag is 1.3 times as much when the
+off, as the efficiency is a mean over the teeth. Then the same with one stage (whose drag is twice as much when the
 load drives), three stages, a belt with a planetary stage, and a worm.""",
     "self-locking": """\
 A worm with a back-driving efficiency of −0.2 holds any load without creep, and the motor has to push to lower it; with
@@ -87,7 +88,7 @@ Three axes in one bench, each with a hand of its own, against three benches of o
 bit.""",
     "energy": """\
 Whole runs of the bench, audited from the recorded signals (`cls_bench/analysis/energy.py`): work of motor and hand =
-change of kinetic, potential and elastic energy + losses by element. Limits: 0.5 % of the throughput; a loss gives
+change of kinetic, potential and elastic energy + losses by element. Limits: 0.2 % of the throughput; a loss gives
 nothing back.""",
     "random trials": """\
 Parameters drawn at random within their bounds, one in twenty up to three decades away from its default; each set runs

@@ -48,7 +48,7 @@ def _rig(**sections: object) -> Parameters:
 def rigs() -> dict[str, Parameters]:
     """The rigs by name."""
     one = Gearbox(stages=1, stage1=ONE)
-    seal = Gearbox(stages=1, stage1=ONE.model_copy(update={"drag_ratio": 1.3}))
+    seal = Gearbox(stages=1, stage1=ONE.model_copy(update={"drag_ratio": 2.0}))
     return {
         "thesis": Parameters(),
         "one stage": _rig(motor=SERVO, gearbox=seal),
