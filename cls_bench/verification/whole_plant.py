@@ -1,7 +1,7 @@
 """The whole plant against the reduced model and MuJoCo's own elements, and how its error falls with the step."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import cache
 from typing import NamedTuple
 
@@ -225,26 +225,39 @@ def _compared(group: str, name: str, p: Parameters, obtained: Path, expected: Pa
               float(np.sqrt(np.mean(difference**2) / np.mean(expected.torque**2))), TORQUE, relative=False)  # fmt: skip
 
 
-def _rigs_agree(subject: Subject, benches: dict[str, Parameters]) -> Iterator[Row]:
-    for name, p in benches.items():
-        made = exercise(p)
+@cache
+def _bench(name: str) -> Parameters:
+    """A rig of :mod:`cls_bench.verification.rigs`, or as ``rig NAME`` one that comes with the bench."""
+    return rigs()[name] if name in rigs() else load_rig(name.removeprefix("rig ")).parameters
+
+
+@cache
+def _expected(name: str) -> tuple[Exercise, Path]:
+    """The exercise of :func:`_bench`, and what the reduced model makes of it."""
+    p = _bench(name)
+    made = exercise(p)
+    return made, _reduced(p, made)
+
+
+def agree_on(subject: Subject, names: Iterable[str]) -> Iterator[Row]:
+    """The rigs of these names against the reduced model."""
+    for name in names:
+        p, (made, expected) = _bench(name), _expected(name)
         substeps = FINEST if _is_locking(p) else 1
         yield from _compared(
-            RIGS, f"{name}, step {_step(p, substeps):.2g} µs", p, _stepped(subject, p, made, substeps),
-            _reduced(p, made), REFERENCE,
+            RIGS, f"{name}, step {_step(p, substeps):.2g} µs", p, _stepped(subject, p, made, substeps), expected,
+            REFERENCE,
         )  # fmt: skip
 
 
 def rigs_agree(subject: Subject) -> Iterator[Row]:
     """The rigs of :mod:`cls_bench.verification.rigs`: every kind of stage and linkage."""
-    yield from _rigs_agree(subject, rigs())
+    yield from agree_on(subject, rigs())
 
 
 def shipped_rigs_agree(subject: Subject) -> Iterator[Row]:
     """The rigs that come with the bench."""
-    yield from _rigs_agree(
-        subject, {f"rig {name}": load_rig(name).parameters for name in shipped_rigs() if name != THESIS}
-    )
+    yield from agree_on(subject, [f"rig {name}" for name in shipped_rigs() if name != THESIS])
 
 
 def twins_agree(subject: Subject) -> Iterator[Row]:
