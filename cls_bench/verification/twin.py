@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from cls_bench.compiled import compiled, handle, mj_step, records
 from cls_bench.parameters import Parameters
 from cls_bench.plant import mjcf
+from cls_bench.plant.column import STRIBECK
+from cls_bench.verification.reduced_model import Guide
 
 Array = NDArray[np.float64]
 
@@ -129,8 +131,12 @@ def _set_stage(m: _Memory, e: Any, laws: _Laws) -> None:
 
 
 @compiled
-def _run(m: _Memory, places: _Places, stages: Any, laws: _Laws, motor: Any, hand: Any, column: Any) -> None:
-    for k in range(motor.shape[0]):
+def _run(
+    m: _Memory, places: _Places, stages: Any, laws: _Laws, hand: Any, guide: Guide, column: Any, motor: Any
+) -> None:
+    for k in range(hand.shape[0]):
+        motor[k] = guide.stiffness * (guide.angle[k] - m.qpos[places.motor])
+        motor[k] += guide.damping * (guide.rate[k] - m.qvel[places.motor])
         m.applied[places.motor], m.applied[places.column] = motor[k], hand[k]
         for number in range(stages.shape[0]):
             _set_stage(m, stages[number], laws)
@@ -191,14 +197,17 @@ class Twin:
         bearing = model.actuator_dynprm[self._places.bearing, _LUGRE_DAMPING]
         self._laws = _Laws(
             box.breakaway_ratio, box.bristle_damping, box.stribeck_velocity, c.stop_angle, c.stop_stiffness,
-            c.stop_damping, c.coulomb_friction, float(bearing), mjcf.STRIBECK,
+            c.stop_damping, c.coulomb_friction, float(bearing), STRIBECK,
         )  # fmt: skip
 
-    def run(self, motor: Array, hand: Array) -> Array:
-        """Column angle [rad] before each step, from rest, under torques [N·m] on motor shaft and column."""
-        column = np.empty(len(motor))
-        _run(self._memory, self._places, self._stages, self._laws, motor, hand, column)
-        return column
+    def run(self, hand: Array, guide: Guide) -> tuple[Array, Array]:
+        """Column angle [rad] before each step, from rest, and the torque [N·m] with which ``guide`` pulls the motor.
+
+        ``hand`` is the torque [N·m] on the column.
+        """
+        column, motor = np.empty(len(hand)), np.empty(len(hand))
+        _run(self._memory, self._places, self._stages, self._laws, hand, guide, column, motor)
+        return column, motor
 
 
 def _mesh_dampings(p: Parameters) -> list[float]:
