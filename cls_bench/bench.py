@@ -230,7 +230,7 @@ class Bench:
         none = np.zeros((0, len(self.axes)))
         hand = tick.Hand(none, none, none, none.astype(np.bool_), none.astype(np.bool_), none)
         empty = Buffers(self.clock, len(self.axes), len(self.body_names), 0, 0)
-        self._advance(hand, sensors.Noise(*[none] * 6), empty.part(0, 0), 0)
+        self._advance(hand, sensors.Noise(*[none] * len(sensors.Noise._fields)), empty.part(0, 0), 0)
 
     @property
     def mjcf(self) -> Mapping[str, bytes]:

@@ -8,7 +8,8 @@ as stiff as it can get::
     v⁺ = v + h M⁻¹ (K i e_θ − Σ a (c gᵀq + d gᵀv) − Σ (σ0 z⁺ + σ1 v)),   q⁺ = q + h v⁺,   z⁺ = z + h v
     i⁺ = E i − (1 − E) K/R ω⁺,   E = exp(−h R/L)
 
-a = g, but in a mesh that is driven: its friction follows its torque, and adds its loss to what the input shaft feels.
+a = g, but in a mesh that is driven: its friction follows its torque, and adds its loss to what the input shaft feels,
+and half the torque where a drag that is less when back-driven grows to that when driving.
 q are the angles of the shafts from motor to crank, of column and limb, z the bristle deflections of the stages and of
 the bearing, i the motor current. The rod is a spring c = load_cell.stiffness between crank and column, g its levers.
 """
@@ -168,9 +169,10 @@ class _Chain:
             one, other = self.shafts[k] * stage.ratio**2, self.shafts[k + 1]
             damping = 2.0 * stage.damping_ratio * math.sqrt(stage.stiffness * one * other / (one + other))
             slope = stage.transmission_error * stage.teeth
-            behind = 1.0 + (slope if stage.kind == "planetary" else 0.0)
+            behind = 1.0 + (slope if stage.carried else 0.0)
             lever = self.lever({k: 1.0 / stage.ratio + slope, k + 1: -behind})
-            loss = (1.0 / stage.efficiency - 1.0) * (1.0 + stage.ripple)
+            passing = 0.5 if stage.drag > 0.0 and stage.drag_ratio < 1.0 else 0.0  # of one drag into the other
+            loss = (1.0 / stage.efficiency - 1.0 + passing) * (1.0 + stage.ripple)
             acting = lever + self.lever({k: loss / stage.ratio})
             springs.append(_Spring(lever, stage.stiffness, damping, acting))
         return springs

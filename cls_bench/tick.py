@@ -216,7 +216,7 @@ def _note_limits(plant: Plant, axis: Any) -> None:
     state = control.state
     s = state.servo
     if sensors.is_saturated(truth.load_cell, axis.samples.load_cell):
-        limits.note(watch, limits.LOAD_CELL, abs(axis.truth.body.strain_force), truth.load_cell.capacity)
+        limits.note(watch, limits.LOAD_CELL, abs(axis.truth.body.shown_force), truth.load_cell.capacity)
     limits.compare(watch, limits.TRAVEL, plant.qpos[axis.truth.joints.column], truth.column.travel)
     if _is_on(state):
         drive = control.parameters.drive

@@ -19,7 +19,9 @@ from cls_bench.kinematics import (
     rod_angle,
 )
 from cls_bench.parameters import DEG, Parameters
-from tests.plant_rig import Element
+from cls_bench.resources import model_folder
+from cls_bench.verification.subject import Feedback, Specimen
+from tests.running import parameters
 
 BAR = Parameters().linkage.four_bar
 TRAVEL = 20.0 * DEG
@@ -105,9 +107,9 @@ def test_the_way_back_transforms_accelerations_too():
 
 
 @pytest.fixture
-def linkage() -> Element:
-    """Crank, rod, load cell and column, closed; without bearing friction."""
-    return Element(Parameters(), ("crank", "rod", "load_cell", "column"), ("linkage_closure",))
+def linkage() -> Specimen:
+    """Crank and column as they are stepped, coupled by the rod alone; without damping its force is its stretch."""
+    return Specimen(parameters({"load_cell.damping_ratio": 0.0}), ("crank", "column"), ("stage1", "stage2", "bearing"))
 
 
 def column_of_stretched_rod(crank: float, stretch: float) -> float:
@@ -121,29 +123,31 @@ def column_of_stretched_rod(crank: float, stretch: float) -> float:
     return float(brentq(open_by, -0.6, 0.6, xtol=1e-15))
 
 
-def test_mujoco_closes_the_linkage_at_the_closed_form(linkage):
+def test_the_drawn_model_closes_at_the_closed_form():
+    """The model that viewers open, over the travel: its closing constraint is met."""
+    model = mujoco.MjModel.from_xml_path(str(model_folder() / "scene.xml"))
+    data = mujoco.MjData(model)
     for x in COLUMN:
         crank = crank_from_column(BAR, x)
-        linkage.data.qpos[:] = crank, rod_angle(BAR, crank, x) - crank, 0.0, x
-        mujoco.mj_forward(linkage.model, linkage.data)
-        assert np.abs(linkage.data.efc_pos[: linkage.data.nefc]).max() < 1e-12
+        data.joint("crank").qpos, data.joint("column").qpos = crank, x
+        data.joint("rod").qpos = rod_angle(BAR, crank, x) - crank
+        mujoco.mj_forward(model, data)
+        assert np.abs(data.efc_pos[: data.nefc]).max() < 1e-12
 
 
 @pytest.mark.parametrize(("frequency", "load"), [(0.5, 0.0), (0.5, 260.0), (2.0, 0.0)])
-def test_mujoco_agrees_with_the_closed_form_while_moving(linkage, frequency, load):
-    """Over the whole travel, slowly, under peak load (260 N·m at the column) and at 2 Hz: the connect's residual."""
-    m, d = linkage.model, linkage.data
-    reached: list[float] = []
-    for k in range(round(1 / frequency / m.opt.timestep)):
-        phase = min(k * m.opt.timestep / 0.05, 1.0)
-        crank = phase * crank_from_column(BAR, TRAVEL * math.sin(2 * math.pi * frequency * k * m.opt.timestep))
-        mujoco.mj_step1(m, d)
-        d.qfrc_applied[0] = -1e5 * (d.qpos[0] - crank) - 40.0 * d.qvel[0]
-        d.qfrc_applied[3] = phase * load - 2.0 * d.qvel[3] * (load > 0)
-        if k % 50 == 0:
-            assert d.qpos[3] == pytest.approx(column_of_stretched_rod(d.qpos[0], d.qpos[2]), abs=1e-6)
-            reached.append(d.qpos[3])
-        mujoco.mj_step2(m, d)
-    assert max(reached) > 0.9 * TRAVEL
-    assert min(reached) < -0.9 * TRAVEL
-    assert d.warning.number.sum() == 0
+def test_the_stepped_linkage_agrees_with_the_closed_form_while_moving(linkage, frequency, load):
+    """Over the whole travel, slowly, under peak load (260 N·m at the column) and at 2 Hz: crank, stretch and column."""
+    time = linkage.times(1 / frequency)
+    grown = np.minimum(time / 0.05, 1.0)
+    crank = grown * [crank_from_column(BAR, x) for x in TRAVEL * np.sin(2 * math.pi * frequency * time)]
+    record = linkage.run(
+        time, {"column": grown * load},
+        feedback={"crank": Feedback(2e4, 5.0), "column": Feedback(0.0, 2.0 if load else 0.0)}, target={"crank": crank},
+    )  # fmt: skip
+    column, stretch = record.angle["column"], record.signal["rod_force"] / Parameters().load_cell.stiffness
+    for k in range(50, len(time) - 1, 50):
+        assert column[k] == pytest.approx(column_of_stretched_rod(record.angle["crank"][k], stretch[k]), abs=1e-9)
+    assert np.abs(record.angle["crank"] - crank).max() < 0.02
+    assert column.max() > 0.9 * TRAVEL
+    assert column.min() < -0.9 * TRAVEL

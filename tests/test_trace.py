@@ -12,17 +12,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cls_bench import bench as bench_module
-from cls_bench.bench import Bench
+from cls_bench.bench import Bench, DivergedError
 from cls_bench.control.limits import LIMITS
 from cls_bench.drivers import scripted
 from cls_bench.parameters import GearStage, Parameters
 from cls_bench.scenario import parse_scenario
 from cls_bench.signals import CLOCK, MOST_STAGES, TOPIC, TOPICS, topics
-from cls_bench.trace import Buffers, Trace, tables
+from cls_bench.trace import Buffers, Trace
 from tests.running import advanced
 
 CYCLE = 8
+TICK = 5e-5
 IDEAL = ["encoder.noise=0.0", "load_cell.noise=0.0", "gearbox.stage1.transmission_error=0.0",
          "gearbox.stage2.transmission_error=0.0", "load_cell.filter_bandwidth=100000.0"]  # fmt: skip
 RIGS = {
@@ -68,7 +68,8 @@ def state_of(bench: Bench) -> dict[str, float]:
     found = {name: float(data.joint(name).qpos[0]) for name in joints}
     found |= {f"{name}_rate": float(data.joint(name).qvel[0]) for name in joints}
     found |= {f"bristle{k}": float(body.bristle[k]) for k in range(MOST_STAGES)}
-    found["current"], found["voltage"] = float(body.current), float(control.servo.voltage)
+    found["current"], found["terminals"] = float(body.current), float(body.voltage)
+    found["voltage"] = float(control.servo.voltage)
     found |= {f"feel_{name}": float(control.feel[name]) for name in ("angle", "velocity", "torque")}
     return found
 
@@ -111,15 +112,18 @@ def rod_force(was: dict[str, Any]) -> Any:
 def friction(stage: GearStage, bristle: Any, turned: Any, output: Any, velocity: Any, torque: Any) -> Any:
     """LuGre at the stage's input shaft (Canudas de Wit 1995), its level after the load as LossyGear has it."""
     driven = bristle * torque >= 0.0
-    drag = np.where(driven, stage.drag, stage.drag * stage.drag_ratio)
+    drag = stage.drag  # the same for both ways, or it would pass from the one to the other
     loss = np.where(driven, 1.0 / stage.efficiency - 1.0, 1.0 - stage.backdrive_efficiency)
     phase = stage.teeth * (turned - output if stage.kind == "planetary" else turned)
     level = (drag + loss * np.abs(torque) / stage.ratio) * (1.0 + stage.ripple * np.sin(phase))
     z = np.clip(bristle, -level * 1.1 / 800.0, level * 1.1 / 800.0)
     fade = np.exp(-(velocity**2))
-    rate = velocity - 800.0 * np.abs(velocity) / (level * (1.0 + 0.1 * fade)) * z
+    # ż = v − σ0 |v| z / g over the step that led here, its speed held: towards v g / (σ0 |v|), the bristle first.
+    decay = 800.0 * np.abs(velocity) / (level * (1.0 + 0.1 * fade))
+    slipping = velocity / np.maximum(decay, 1e-300)
+    z = np.where(decay * TICK > 1e-9, slipping + (z - slipping) * np.exp(-decay * TICK), z + velocity * TICK)
     damping = np.minimum(0.15 * fade, level / np.maximum(np.abs(velocity), 1e-12))
-    return 800.0 * z + damping * rate
+    return 800.0 * z + damping * (velocity - decay * z)
 
 
 def gear_laws(r: Recorded, first: Any) -> dict[str, tuple[Any, Any, float]]:
@@ -157,6 +161,9 @@ def expected(r: Recorded, signals: dict[str, Any]) -> dict[str, tuple[Any, Any, 
     integral = signals["/drive.torque_command"] - k_p * e
     interpolated = np.repeat(output, 2)
     interpolated[2::2] = 0.5 * (output[:-1] + output[1:])
+    # Over the step that led here, with the voltage that was on and the speed that moved the rotor.
+    final = (was["terminals"] - 0.2944 * was["motor_rate"]) / 6.0
+    current = final + (was["current"] - final) * math.exp(-TICK * 6.0 / 6.0e-3)
     angle = np.append([0.0, 0.0], signals["/feel.angle"])[:count]  # a bus cycle, then the drive's own
     return {
         "/pilot.hand_force": (first("/pilot.hand_force"), hand / HEIGHT, 1e-9),
@@ -170,9 +177,9 @@ def expected(r: Recorded, signals: dict[str, Any]) -> dict[str, tuple[Any, Any, 
         "/drive.set_velocity": (signals["/drive.set_velocity"], interpolated, 1e-9),
         "/drive.velocity": (first("/drive.velocity"), was["motor_rate"], 8.0),
         "/drive.torque_command": (np.diff(integral), k_p / 0.02 * e[1:] * 2e-4, 1e-9),
-        "/drive.current": (first("/drive.current"), was["current"], 0.0),
+        "/drive.current": (first("/drive.current"), current, 1e-12),
         "/drive.voltage": (first("/drive.voltage"), was["voltage"], 0.0),
-        "/drive.torque": (first("/drive.torque"), 0.2944 * was["current"], 0.0),
+        "/drive.torque": (first("/drive.torque"), 0.2944 * current, 1e-12),
         **gear_laws(r, first),
         "/load_cell.force": (first("/load_cell.force"), force, 1e-6),
         "/load_cell.torque": (first("/load_cell.torque"), ARM * force, 2.0),
@@ -216,9 +223,10 @@ def test_fields_follow_from_the_table() -> None:
 
 
 def test_a_row_is_nan_until_it_is_written() -> None:
-    trace = Buffers(CLOCK, 1, 3, 8, 16).part(8, 16)
+    room = Buffers(CLOCK, 1, 3, 8, 16)
+    trace = room.part(8, 16)
     trace.drive["voltage"][2, 0] = 5.0
-    found = tables(trace, [topics()], 8, 16)
+    found = room.tables([topics()], 8, 16)
     assert list(found) == [topic.path for topic in topics()]
     assert found["/drive"].shape == (4, 8)
     assert found["/drive"][2, TOPIC["/drive"].names.index("voltage")] == 5.0
@@ -260,14 +268,14 @@ def test_what_a_rig_has_not_is_not_handed_on(stages: int) -> None:
 
 def test_a_signal_that_nothing_writes_ends_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
     """What a declared and forgotten signal would look like: its column stays NaN."""
-    whole = bench_module.tables
+    whole = Buffers.tables
 
     def forgetful(*arguments: Any) -> Any:
         found = dict(whole(*arguments))
         found["/feel"][:, 1] = np.nan
         return found
 
-    monkeypatch.setattr(bench_module, "tables", forgetful)
+    monkeypatch.setattr(Buffers, "tables", forgetful)
     scenario = parse_scenario(SWAY)
-    with pytest.raises(bench_module.DivergedError, match=r"recorded signal /feel\.angle is not finite"):
+    with pytest.raises(DivergedError, match=r"recorded signal /feel\.angle is not finite"):
         list(scripted.run(Bench(scenario.parameters_at_start()), scenario))

@@ -55,13 +55,24 @@ class Motor(Section):
     )  # fmt: skip
 
 
+StageKind = Literal["planetary", "spur", "belt", "worm"]
+"""What a gear stage can be. A further kind stands here, in the two tuples below if it is like that, and has a way of
+being drawn in :mod:`cls_bench.plant.shapes`; a law of its own would be in :mod:`cls_bench.plant.gearbox`."""
+
+CARRIED: tuple[StageKind, ...] = ("planetary",)
+"""Kinds whose mesh turns with the output, as planets with their carrier, so that its teeth pass at the difference."""
+
+TOOTHLESS: tuple[StageKind, ...] = ("belt",)
+"""Kinds whose teeth, if any, do not ripple."""
+
+
 class GearStage(Section):
     """One gear stage: elastic mesh with backlash, transmission error, and friction that follows the load.
 
     Torque, stiffness, backlash and transmission error are measured at the stage's output shaft, drag at its input.
     """
 
-    kind: Literal["planetary", "spur", "belt", "worm"] = quantity(
+    kind: StageKind = quantity(
         "planetary", "1", "what it is: decides how its teeth pass, and how it is drawn",
         "thesis 3.2.2: planetary",
     )  # fmt: skip
@@ -107,6 +118,11 @@ class GearStage(Section):
     transmission_error: float = quantity(
         0.0, "rad", "amplitude of the transmission error at the tooth-passing frequency", "", ge=0, le=0.01
     )
+
+    @property
+    def carried(self) -> bool:
+        """Whether its mesh turns with the output."""
+        return self.kind in CARRIED
 
 
 MOST_STAGES = 3

@@ -16,6 +16,10 @@ Drag and μ have a value for the motor driving the load and one for the load dri
 
 so that a back-driving efficiency η' of 0 or less holds any load: self-locking. Which of the two is the case is told by
 the friction's own direction, so it is defined at standstill too.
+
+The mesh's share of the friction vanishes with the torque. The drag does not, so two different ones pass into each other
+where the torque changes its way, in a straight line over as much torque at the input as they differ by, to either side.
+There the friction changes by half of what the torque does: less than the whole, with which a gear would lock itself.
 """
 
 import math
@@ -49,12 +53,27 @@ def configure(mechanism: Any, p: Parameters) -> None:
     for k, stage in enumerate(box.in_use):
         row = mechanism.stage[k]
         row["ratio"], row["teeth"] = stage.ratio, stage.teeth
-        row["carried"] = float(stage.kind == "planetary")
+        row["carried"] = float(stage.carried)
         row["stiffness"], row["half_backlash"] = stage.stiffness, 0.5 * stage.backlash
         row["damping"] = mesh_damping(stage, inertias[k], inertias[k + 1])
         row["error"], row["ripple"] = stage.transmission_error, stage.ripple
         row["drag"], row["drag_backdriven"] = stage.drag, stage.drag * stage.drag_ratio
         row["loss"], row["loss_backdriven"] = 1.0 / stage.efficiency - 1.0, 1.0 - stage.backdrive_efficiency
+
+
+@compiled
+def friction_level(stage: Any, bristle: float, torque: float, mesh: float) -> float:
+    """Coulomb friction [N·m] at the input shaft under the mesh's ``torque``; ``mesh`` is the sine of its phase.
+
+    The ``bristle`` is bent the way in which the friction acts.
+    """
+    backdriven = bristle * torque < 0.0  # friction opposes the load's way
+    loss = stage.loss_backdriven if backdriven else stage.loss
+    drag, change = stage.drag, stage.drag_backdriven - stage.drag
+    if change != 0.0:
+        driving = (-abs(torque) if backdriven else abs(torque)) / stage.ratio
+        drag += change * min(max(0.5 - 0.5 * driving / abs(change), 0.0), 1.0)
+    return float((drag + loss * abs(torque) / stage.ratio) * (1.0 + stage.ripple * mesh))
 
 
 @compiled
@@ -79,10 +98,7 @@ def advance(plant: Any, box: Any, joints: Any, mechanism: Any, body: Any, k: int
         rate = lever * velocity + counter * plant.qvel[behind]
         torque = contact_torque(deflection, rate, stage.stiffness, stage.damping)
 
-    drag, loss = stage.drag, stage.loss
-    if body.bristle[k] * torque < 0.0:  # friction opposes the load's way: back-driven
-        drag, loss = stage.drag_backdriven, stage.loss_backdriven
-    level = (drag + loss * abs(torque) / stage.ratio) * (1.0 + stage.ripple * mesh)
+    level = friction_level(stage, body.bristle[k], torque, mesh)
     rubbed, body.bristle[k] = friction.advance(
         body.bristle[k], velocity, level, box.breakaway_ratio, box.bristle_stiffness, box.bristle_damping,
         box.stribeck_velocity, mechanism.step,

@@ -7,6 +7,7 @@ is MuJoCo's LuGre element, the motor its ``dcmotor``; no compiled law of ``cls_b
 
 import math
 from collections.abc import Iterable, Mapping
+from functools import cache
 from typing import Any, Literal, NamedTuple
 
 import mujoco
@@ -328,14 +329,16 @@ def _draw(spec: mujoco.MjSpec, drawn: Layout, p: Parameters) -> None:
     site.pos = [0.0, site.pos[1], p.column.grip_height]
 
 
-_THESIS_BOUNDS = np.array([[-0.335, -0.119, 0.0], [0.166, 0.307, 0.732]])
-"""Bounds [m] of the thesis's rig, for which the cameras of the scene stand where they stand."""
+@cache
+def _thesis_bounds() -> Array:
+    """Bounds [m] of the thesis's rig, for which the cameras of the scene stand where they stand."""
+    return np.array(layout(Parameters()).bounds)
 
 
 def _frame_view(spec: mujoco.MjSpec, low: Array, high: Array) -> None:
     """Move cameras and lights such that a rig of these bounds fills the picture as the thesis's does."""
-    was = _THESIS_BOUNDS.mean(axis=0)
-    size, usual = high - low, _THESIS_BOUNDS[1] - _THESIS_BOUNDS[0]
+    was = _thesis_bounds().mean(axis=0)
+    size, usual = high - low, _thesis_bounds()[1] - _thesis_bounds()[0]
     scale = max(float(np.linalg.norm(size) / np.linalg.norm(usual)), float(size[2] / usual[2]))
     centre = (low + high) / 2
     for camera in spec.cameras:

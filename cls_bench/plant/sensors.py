@@ -89,6 +89,7 @@ def weigh(cell: Any, mechanism: Any, body: Any, force: float, noise: float, spik
         shown = 0.0
     elif cell.wire == _SIGNAL_BROKEN:
         shown = full_scale * mechanism.count
+    body.shown_force = shown
     body.amplified += mechanism.filter_blend * (shown - body.amplified)
     counts = math.floor((body.amplified + cell.noise * noise) / mechanism.count + 0.5)
     return float(min(max(counts, -full_scale), full_scale - 1.0))

@@ -395,7 +395,7 @@ def mesh_orders(box: Gearbox) -> list[tuple[int, float]]:
     """
     found, turns = [], 1.0
     for number, stage in enumerate(box.in_use, start=1):
-        passing = 1.0 - 1.0 / stage.ratio if stage.kind == "planetary" else 1.0
+        passing = 1.0 - 1.0 / stage.ratio if stage.carried else 1.0
         if stage.teeth:
             found.append((number, stage.teeth * passing * turns))
         turns /= stage.ratio

@@ -1,11 +1,12 @@
 """The tables of a rig file's ``[data_sheet]``: values as data sheets print them, with the unit in the key."""
 # ruff: noqa: N815  (keys spell units as SI does: torque_Nm)
 
-from typing import Annotated, Literal
+from typing import Annotated
 
 from pydantic import Field
 
 from cls_bench.input.tables import Strict
+from cls_bench.parameters.plant import StageKind
 
 Positive = Annotated[float, Field(gt=0, le=1e9)]
 Share = Annotated[float, Field(gt=0, le=1)]
@@ -70,7 +71,7 @@ class MotorSheet(Strict):
 class GearboxSheet(Strict):
     """A gearbox, or another transmission. Several follow one another from the motor on."""
 
-    kind: Literal["planetary", "spur", "belt", "worm"] = "planetary"
+    kind: StageKind = "planetary"
     """what its stages are"""
     ratio: _Ratio
     """turns of the input for one of the output [1]"""

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 from cls_bench.input.faults import FaultError
 from cls_bench.parameters import ARCMIN, GRAVITY, MOST_STAGES, RPM, Parameters, mesh_efficiency
+from cls_bench.parameters.plant import TOOTHLESS
 from cls_bench.rigs.data_sheet import (
     AmplifierSheet,
     BusSheet,
@@ -336,7 +337,7 @@ def _unit(s: _Sheet, key: str, unit: GearboxSheet, before: int, torque: float, *
     if len(ratios) != stages or abs(math.prod(ratios) / unit.ratio - 1.0) > 1e-3:
         raise FaultError(f"{key}.stage_ratios", f"{ratios} are not {stages} ratios whose product is {unit.ratio:g}")
     at = unit.efficiency_at_Nm or torque
-    toothed = unit.kind != "belt"
+    toothed = unit.kind not in TOOTHLESS
     split = "" if stages == 1 else ", shared among the stages as on the thesis's gearbox"
     idle, how_idle = unit.idle_torque_Nm, "as printed"
     if idle is None:

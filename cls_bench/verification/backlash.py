@@ -82,9 +82,9 @@ def dead_zone(subject: Subject) -> Iterator[Row]:
     for rig, p in rigs().items():
         if rig not in ("thesis", "three stages", "worm"):
             continue
-        p = with_stages(p, transmission_error=0.0)
-        for number, declared in enumerate(p.gearbox.in_use, 1):
-            alone = stage_alone(subject, p, number)
+        exact = with_stages(p, transmission_error=0.0)
+        for number, declared in enumerate(exact.gearbox.in_use, 1):
+            alone = stage_alone(subject, exact, number)
             angles = np.linspace(-3.0, 3.0, 40) * declared.backlash
             torques = np.array([_held_torque(alone, number, angle) for angle in angles])
             (slope, offset), (slope_back, offset_back) = (

@@ -45,7 +45,9 @@ SWEPT = Scenario(
     squeeze=[Squeeze(at=0.5, value=1.0)],
 )  # fmt: skip
 FELT = Scenario(
-    title="with power: swept, let go", seed=1, duration=2.0,
+    title="with power: swept, let go",
+    seed=1,
+    duration=2.0,
     hand=[Sine(at=0.0, amplitude_deg=8.0, frequency=1.0, fade=0.3), Release(at=1.3)],
 )
 

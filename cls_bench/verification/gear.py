@@ -30,9 +30,7 @@ def stage_alone(subject: Subject, p: Parameters, number: int = 1) -> Specimen:
 
 def with_stages(p: Parameters, **changes: object) -> Parameters:
     """The same with every stage in use changed alike. A copy is not held to the bounds of a bench."""
-    stages = {
-        f"stage{k}": stage.model_copy(update=changes) for k, stage in enumerate(p.gearbox.in_use, 1)
-    }
+    stages = {f"stage{k}": stage.model_copy(update=changes) for k, stage in enumerate(p.gearbox.in_use, 1)}
     return p.model_copy(update={"gearbox": p.gearbox.model_copy(update=stages)})
 
 
@@ -216,9 +214,9 @@ def self_locking(subject: Subject) -> Iterator[Row]:
         time, {"crank": load * np.minimum(time / 0.2, 1.0)}, feedback={"motor": Feedback(damping=0.02)},
         target={"motor": speed * np.maximum(time - 0.3, 0.0)}, acted=acted,
     )  # fmt: skip
+    lowering = float(acted["motor"][-4000:].mean())
     yield Row(group, f"worm, {load:g} N·m at the crank: motor torque that lowers it", "N·m",
-              drag - stage.backdrive_efficiency * load / stage.ratio, "D − η' T/r", float(acted["motor"][-4000:].mean()),
-              0.01)  # fmt: skip
+              drag - stage.backdrive_efficiency * load / stage.ratio, "D − η' T/r", lowering, 0.01)  # fmt: skip
 
     efficiency = 0.3
     yielding = stage_alone(subject, with_stages(p, backdrive_efficiency=efficiency))

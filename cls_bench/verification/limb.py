@@ -2,49 +2,23 @@
 
 import math
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 
-from cls_bench.compiled import compiled, mj_step
-from cls_bench.parameters import Parameters
-from cls_bench.plant.limb import update_grip
-from cls_bench.plant.state import Plant
-from cls_bench.verification.reading import Array, crossings
+from cls_bench.parameters import Linkage, Parameters
+from cls_bench.verification.reading import crossings
 from cls_bench.verification.row import Row
-from cls_bench.verification.subject import Specimen, Subject
+from cls_bench.verification.subject import Hand, Specimen, Subject
 
 GROUP = "limb"
 
 
-@compiled
-def _run(
-    plant: Plant, applied: Any, limb: Any, height: float, squeeze: float, torque: float, back: float, out: Any
-) -> None:
-    for k in range(out.shape[0]):
-        applied[0], applied[1] = back * plant.qpos[0], torque
-        update_grip(plant, limb, height, True, squeeze, 0, 1, 0)
-        out[k, 0], out[k, 1] = plant.qpos[0], plant.qpos[1]
-        mj_step(plant.model, plant.data)
-
-
 def _two_masses(subject: Subject) -> Specimen:
-    """Column and limb alone, coupled by the grip; without gravity and friction, which belong to the column."""
-    p = Parameters()
-    bare = {"mass_height": 0.0, "viscous_friction": 0.0}
-    specimen = subject.element(
-        p.model_copy(update={"column": p.column.model_copy(update=bare)}), ("column", "limb"), ("grip",)
-    )
-    specimen.plant.tendon_stiffness[0] = 0.0  # grips at rest, wherever the hand is
-    return specimen
-
-
-def _motion(specimen: Specimen, squeeze: float, steps: int, *, torque: float = 0.0, back: float = 0.0) -> Array:
-    """Angles [rad] of column and limb; ``torque`` [N·m] on the limb, a spring ``back`` [N·m/rad] on the column."""
-    out = np.empty((steps, 2))
-    p = specimen.parameters
-    _run(specimen.plant, specimen.applied, specimen.record.limb, p.column.grip_height, squeeze, torque, -back, out)
-    return out
+    """Column and limb alone, coupled by the grip; without rod, gravity, friction and stops, which are the column's."""
+    p = Parameters(linkage=Linkage(kind="none"))  # so that no rod end hangs on the column
+    # A copy is not held to the bounds of a bench.
+    column = p.column.model_copy(update={"stop_angle": 1e6})
+    return subject.element(p.model_copy(update={"column": column}), ("column", "limb"), ("rod", "bearing", "weight"))
 
 
 def resonance(subject: Subject) -> Iterator[Row]:
@@ -60,12 +34,11 @@ def resonance(subject: Subject) -> Iterator[Row]:
         ratio = damping / (2.0 * math.sqrt(stiffness * inertia))
         damped = natural * math.sqrt(1.0 - ratio**2)
         specimen = _two_masses(subject)
-        _motion(specimen, squeeze, 1)  # grip, then push apart
-        specimen.data.qvel[0], specimen.data.qvel[1] = 1.0 / column, -1.0 / hand
-        steps = round(2.6 * math.pi / damped / specimen.step) + 2
-        out = _motion(specimen, squeeze, steps)
-        time = specimen.times((steps - 1) * specimen.step)
-        zeros = crossings(time[1:], (out[:, 0] - out[:, 1])[1:])
+        specimen.run(np.zeros(1), hand=Hand(squeeze))  # grip, then push apart
+        specimen.push(column=1.0 / column, limb=-1.0 / hand)
+        time = specimen.times(2.6 * math.pi / damped)
+        angle = specimen.run(time, hand=Hand(squeeze)).angle
+        zeros = crossings(time[1:], (angle["column"] - angle["limb"])[1:])
         period = 2.0 * float(zeros[-1] - zeros[0]) / (len(zeros) - 1) if len(zeros) > 1 else math.nan
         yield Row(GROUP, f"two-mass resonance at squeeze {squeeze:g}", "Hz", damped / (2.0 * math.pi),
                   "closed form, damped", 1.0 / period, 0.01)  # fmt: skip
@@ -76,14 +49,14 @@ def rigid(subject: Subject) -> Iterator[Row]:
     p = Parameters()
     height = p.column.grip_height
     specimen = _two_masses(subject)
-    out = _motion(specimen, 1.0, 4000, torque=100.0 * height)
+    time = specimen.times(0.2)
+    angle = specimen.run(time, {"limb": 100.0 * height}, hand=Hand(1.0)).angle
     # Both masses accelerate together; the grip carries the column's share.
     column, hand = p.column.inertia, p.limb.mass * height**2
     share = column / (column + hand)
-    give = float(out[-1, 1] - out[-1, 0]) * height
+    give = float(angle["limb"][-1] - angle["column"][-1]) * height
     yield Row(GROUP, "give of the grip, 100 N on the hand at squeeze 1", "m", share * 100.0 / p.limb.tight_stiffness,
               "closed form", give, 0.01)  # fmt: skip
     acceleration = 100.0 * height / (column + hand)
-    time = specimen.step * (len(out) - 1)
-    yield Row(GROUP, "column angle 0.2 s after it, as one rigid body", "rad", 0.5 * acceleration * time**2,
-              "closed form", float(out[-1, 0]), 0.01)  # fmt: skip
+    yield Row(GROUP, "column angle 0.2 s after it, as one rigid body", "rad", 0.5 * acceleration * time[-1] ** 2,
+              "closed form", float(angle["column"][-1]), 0.01)  # fmt: skip

@@ -74,7 +74,7 @@ def _breaks_away(gear: Gear, t: float) -> float:
 
 def follow(gear: Gear, duration: float, *, step: float = 1e-4) -> Motion:
     """The motion from rest at t = 0, sampled every ``step`` [s]."""
-    grid = np.arange(round(duration / step) + 1) * step
+    grid = np.asarray(np.arange(round(duration / step) + 1) * step, dtype=np.float64)
     angles, speeds = np.zeros(len(grid)), np.zeros(len(grid))
     t, angle, speed, way = 0.0, 0.0, 0.0, 0.0
     events: list[tuple[float, bool]] = []

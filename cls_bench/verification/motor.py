@@ -55,7 +55,10 @@ def acts_when_it_flows(subject: Subject) -> Iterator[Row]:
     record = _run_at(specimen, voltage, 0.004)
     inertia = m.rotor_inertia + p.gearbox.input_inertia
     # d/dt (i, ω) = A (i, ω) + (u/L, 0)
-    a = np.array([[-m.resistance / m.inductance, -m.torque_constant / m.inductance], [m.torque_constant / inertia, 0.0]])
+    a = np.array([
+        [-m.resistance / m.inductance, -m.torque_constant / m.inductance],
+        [m.torque_constant / inertia, 0.0],
+    ])  # fmt: skip
     values, vectors = np.linalg.eig(a)
     rest = -np.linalg.solve(a, [voltage / m.inductance, 0.0])
     weights = np.linalg.solve(vectors, -rest)
@@ -72,8 +75,8 @@ def acts_when_it_flows(subject: Subject) -> Iterator[Row]:
         yield Row(GROUP, f"time by which the speed lags {time * 1e3:g} ms after a step of {voltage:g} V, in steps", "1",
                   0.5, "exact solution; half a step is semi-implicit Euler's", float(lag / h), 0.1,
                   relative=False)  # fmt: skip
-        yield Row(GROUP, "current there, with the rotor running up", "A", current, "exact solution",
-                  float(record.signal["current"][k]), 0.01)  # fmt: skip
+        yield Row(GROUP, f"current {time * 1e3:g} ms after it, with the rotor running up", "A", current,
+                  "exact solution", float(record.signal["current"][k]), 0.01)  # fmt: skip
 
 
 def envelope(subject: Subject) -> Iterator[Row]:

@@ -180,7 +180,12 @@ def _stage(c: Constants, k: int, before: float, behind: float, v_before: float, 
     stretch = before / c.ratio[k] - behind - c.error[k] * wave
     torque = _contact(stretch, d_before * v_before + d_behind * v_behind, c.half[k], c.stiffness[k], c.damping[k])
     back = z * torque < 0.0
-    level = (c.drag_back[k] if back else c.drag[k]) + (c.loss_back[k] if back else c.loss[k]) * abs(torque) / c.ratio[k]
+    handed = abs(torque) / c.ratio[k]
+    half, middle = 0.5 * (c.drag_back[k] - c.drag[k]), 0.5 * (c.drag_back[k] + c.drag[k])
+    # The drag on a straight line through its mean where nothing is handed on, until it is one of the two.
+    away = min(0.5 * handed, abs(half)) * (1.0 if half > 0.0 else -1.0)
+    drag = middle + away if back else middle - away
+    level = drag + (c.loss_back[k] if back else c.loss[k]) * handed
     level *= 1.0 + c.ripple[k] * wave
     friction, z_rate = _lugre(
         z, v_before, level, level * c.breakaway, c.mesh_stribeck, c.mesh_bristle, c.mesh_bristle_damping
@@ -255,26 +260,49 @@ def derivative(c: Constants, y: Any, motor: float, hand: float, out: Any) -> Non
     out[n + stages + 1] = (m11 * f2 - m12 * f1) / determinant
 
 
-def follow(p: Parameters, time: Array, motor: Array, hand: Array, *, tolerance: float = 1e-8) -> Array:
-    """Angles [rad] of the shafts from the motor on and of the column, (len(time), stages + 2), from rest under records
-    of motor and hand torque [N·m].
+@compiled
+def _entry(records: Any, which: int, row: float) -> float:
+    k = min(int(row), records.shape[0] - 2)
+    share = row - k
+    return float((1.0 - share) * records[k, which] + share * records[k + 1, which])
+
+
+@compiled
+def _right(c: Constants, row: float, y: Any, records: Any, stiffness: float, damping: float, out: Any) -> None:
+    """The derivative ``row`` entries into ``records``: torque of motor and hand, angle and rate of the guide."""
+    pulled = stiffness * (_entry(records, 2, row) - y[0])
+    pulled += damping * (_entry(records, 3, row) - y[c.ratio.shape[0] + 2])
+    derivative(c, y, _entry(records, 0, row) + pulled, _entry(records, 1, row), out)
+
+
+class Guide(NamedTuple):
+    """A spring and damper that pull the motor along."""
+
+    stiffness: float  # [N·m/rad]
+    damping: float  # [N·m·s/rad]
+    angle: Array  # where to, an entry a step [rad]
+    rate: Array  # [rad/s]
+
+
+def follow(
+    p: Parameters, time: Array, motor: Array, hand: Array, *, guide: Guide | None = None, tolerance: float = 1e-8
+) -> Array:
+    """The motion from rest under records of motor and hand torque [N·m]: angles of the shafts from the motor on and of
+    the column, then their speeds, (len(time), 2 (stages + 2)) [rad, rad/s]. The motor may have a ``guide`` as well.
 
     Between the entries of a record it is interpolated linearly: semi-implicit Euler is the leapfrog scheme, in which a
     force taken at t acts from half a step before t to half a step after. Raises RuntimeError if the integration fails.
     """
     c = constants(p)
-    stages = len(c.ratio)
-    states = 2 * (stages + 2) + stages + 1
+    coordinates = len(c.ratio) + 2
+    states = 2 * coordinates + coordinates - 1
     step = float(time[1] - time[0])
-    last = len(time) - 1
+    led = guide or Guide(0.0, 0.0, np.zeros(len(time)), np.zeros(len(time)))
+    records = np.stack([motor, hand, led.angle, led.rate], axis=1)
 
     def right(t: float, y: Array) -> Array:
         out = np.empty(states)
-        k = min(int(t / step), last - 1)
-        share = t / step - k
-        derivative(
-            c, y, (1.0 - share) * motor[k] + share * motor[k + 1], (1.0 - share) * hand[k] + share * hand[k + 1], out
-        )
+        _right(c, t / step, y, records, led.stiffness, led.damping, out)
         return out
 
     # Small angles of the meshes decide on torques: the absolute tolerance is far below their elastic twist.
@@ -284,4 +312,4 @@ def follow(p: Parameters, time: Array, motor: Array, hand: Array, *, tolerance: 
     )  # fmt: skip
     if not solution.success:
         raise RuntimeError(f"the reduced model could not be integrated: {solution.message}")
-    return np.asarray(solution.y[: stages + 2].T, dtype=np.float64)
+    return np.asarray(solution.y[: 2 * coordinates].T, dtype=np.float64)

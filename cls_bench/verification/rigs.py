@@ -48,7 +48,7 @@ def _rig(**sections: object) -> Parameters:
 def rigs() -> dict[str, Parameters]:
     """The rigs by name."""
     one = Gearbox(stages=1, stage1=ONE)
-    seal = Gearbox(stages=1, stage1=ONE.model_copy(update={"drag_ratio": 1.3}))
+    seal = Gearbox(stages=1, stage1=ONE.model_copy(update={"drag_ratio": 2.0}))
     return {
         "thesis": Parameters(),
         "one stage": _rig(motor=SERVO, gearbox=seal),
@@ -57,12 +57,24 @@ def rigs() -> dict[str, Parameters]:
                 stages=3,
                 stage1=SPUR.model_copy(update={"ratio": 2.0, "inertia": 1.2e-4}),
                 stage2=GearStage(
-                    ratio=3.0, stiffness=2.0 / ARCMIN, backlash=4.0 * ARCMIN, drag=0.04, inertia=1.5e-4,
-                    efficiency=0.97, backdrive_efficiency=0.95, transmission_error=0.3 * ARCMIN,
+                    ratio=3.0,
+                    stiffness=2.0 / ARCMIN,
+                    backlash=4.0 * ARCMIN,
+                    drag=0.04,
+                    inertia=1.5e-4,
+                    efficiency=0.97,
+                    backdrive_efficiency=0.95,
+                    transmission_error=0.3 * ARCMIN,
                 ),
                 stage3=GearStage(
-                    ratio=4.0, stiffness=6.0 / ARCMIN, backlash=3.0 * ARCMIN, drag=0.1, inertia=3e-4, efficiency=0.96,
-                    backdrive_efficiency=0.93, transmission_error=0.2 * ARCMIN,
+                    ratio=4.0,
+                    stiffness=6.0 / ARCMIN,
+                    backlash=3.0 * ARCMIN,
+                    drag=0.1,
+                    inertia=3e-4,
+                    efficiency=0.96,
+                    backdrive_efficiency=0.93,
+                    transmission_error=0.2 * ARCMIN,
                 ),
             )
         ),

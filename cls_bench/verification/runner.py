@@ -12,13 +12,16 @@ from multiprocessing import get_context, parent_process
 from cls_bench.errors import BenchError
 from cls_bench.parameters import Parameters
 from cls_bench.verification import (
+    axes,
     backlash,
     energy_balance,
+    four_bar,
     gear,
     limb,
     linearisation,
     load_cell,
     motor,
+    outer_loop,
     random_trials,
     stiction,
     whole_plant,
@@ -29,20 +32,27 @@ from cls_bench.verification.subject import Subject
 Case = Callable[[Subject], Iterator[Row]]
 
 CASES: tuple[Case, ...] = (
-    gear.lossy_gear_demo, gear.efficiency,
+    gear.lossy_gear_demo, gear.drag_per_direction, gear.efficiency, gear.efficiency_of_rigs, gear.self_locking,
     backlash.gear_demo, backlash.stop_block_demo, backlash.dead_zone,
     stiction.breakaway, stiction.creep, stiction.stick_slip,
-    motor.current_step, motor.envelope, motor.power_balance, motor.temperature,
-    load_cell.static, load_cell.filter_step, load_cell.ringing,
+    motor.current_step, motor.acts_when_it_flows, motor.envelope, motor.power_balance, motor.temperature,
+    load_cell.static, load_cell.filter_step, load_cell.ringing, load_cell.torque_cell,
     limb.resonance, limb.rigid,
-    linearisation.frequency_response,
-    whole_plant.agreement, whole_plant.convergence, whole_plant.closed_loop,
+    four_bar.free,
+    linearisation.frequency_response, linearisation.rigs_in_frequency,
+    whole_plant.agreement, whole_plant.closed_loop,
+    whole_plant.rigs_agree, whole_plant.shipped_rigs_agree, whole_plant.twins_agree,
+    outer_loop.shaking, outer_loop.growing,
+    axes.apart,
     energy_balance.balance,
     random_trials.trials,
 )  # fmt: skip
 """All cases, in the order of the table."""
 
-_LONG = (whole_plant.agreement, whole_plant.convergence, random_trials.trials, stiction.breakaway)
+_LONG = (
+    whole_plant.agreement, random_trials.trials, outer_loop.shaking, whole_plant.rigs_agree,
+    whole_plant.shipped_rigs_agree, energy_balance.balance,
+)  # fmt: skip
 """Started first, so that no long one is left over at the end."""
 
 

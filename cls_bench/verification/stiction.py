@@ -25,7 +25,7 @@ class _Element(NamedTuple):
     def run(self, torque: Array, *, spring: float = 0.0, drive: float = 0.0) -> tuple[Array, Array]:
         """Angle [rad] and speed [rad/s] under ``torque`` [N·m] and a spring [N·m/rad] whose end moves at ``drive``."""
         s = self.specimen
-        time = np.arange(len(torque)) * s.step
+        time = np.asarray(np.arange(len(torque)) * s.step, dtype=np.float64)
         record = s.run(
             time, {self.joint: torque}, feedback={self.joint: Feedback(spring)}, target={self.joint: drive * time}
         )

@@ -64,6 +64,9 @@ class Hand(NamedTuple):
     """whether the arm holds the forearm at neutral by its impedance"""
 
 
+OFF = Hand()
+
+
 @compiled
 def _run(
     plant: Plant, truths: Any, voltage: Any, torque: Any, target: Any, rate: Any, stiffness: Any, damping: Any,
@@ -75,10 +78,10 @@ def _run(
     count = plant.qpos.shape[0]
     for k in range(torque.shape[0]):
         mechanism.arrive(plant, truth)
-        limb.set_grip(plant, p.limb, p.column.grip_height, joints, body, squeeze == squeeze, squeeze)
+        limb.set_grip(plant, p.limb, p.column.grip_height, joints, body, not math.isnan(squeeze), squeeze)
         for j in range(count):
             positions[k, j], velocities[k, j] = plant.qpos[j], plant.qvel[j]
-        connected = voltage[k] == voltage[k]
+        connected = not math.isnan(voltage[k])
         signals[k, 10], signals[k, 12] = body.current, body.temperature
         mechanism.act(plant, truth, connected, voltage[k] if connected else 0.0, arm, 0.0, 0.0, 0.0)
         for stage in range(truth.mechanism.stages):
@@ -153,6 +156,10 @@ class Specimen:
         for name, velocity in velocities.items():
             self.data.qvel[self.joints.index(name)] = velocity
 
+    def final(self, joint: str) -> float:
+        """Angle of a joint now [rad]."""
+        return float(self.data.qpos[self.joints.index(joint)])
+
     def reset(self) -> None:
         """Rest at neutral."""
         mujoco.mj_resetData(self.model, self.data)
@@ -164,7 +171,7 @@ class Specimen:
 
     def run(
         self, time: Array, torque: Mapping[str, Array | float] | None = None, *, voltage: Array | float = math.nan,
-        feedback: Mapping[str, Feedback] | None = None, target: Mapping[str, Array] | None = None, hand: Hand = Hand(),
+        feedback: Mapping[str, Feedback] | None = None, target: Mapping[str, Array] | None = None, hand: Hand = OFF,
         acted: dict[str, Array] | None = None,
     ) -> Record:  # fmt: skip
         """A step for each entry of ``time``, under ``torque`` on joints by name [N·m].

@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from cls_bench.compiled import compiled, handle, mj_step, records
 from cls_bench.parameters import Parameters
 from cls_bench.plant import mjcf
+from cls_bench.plant.column import STRIBECK
+from cls_bench.verification.reduced_model import Guide
 
 Array = NDArray[np.float64]
 
@@ -119,16 +121,22 @@ def _set_stage(m: _Memory, e: Any, laws: _Laws) -> None:
         m, e.tendon, length, lever * v_before + counter * v_behind, length - twist, 0.5 * e.backlash, e.stiffness,
         e.damping,
     )  # fmt: skip
-    drag, loss = e.drag, e.loss
-    if m.act[e.bristle] * torque < 0.0:
-        drag, loss = e.drag_back, e.loss_back
+    back = m.act[e.bristle] * torque < 0.0
+    loss, drag, change = e.loss_back if back else e.loss, e.drag, e.drag_back - e.drag
+    if change != 0.0:  # from the one to the other on a straight line, to either side as long as they differ
+        way = (-abs(torque) if back else abs(torque)) / e.ratio
+        drag += change * min(max(0.5 * (1.0 - way / abs(change)), 0.0), 1.0)
     level = (drag + loss * abs(torque) / e.ratio) * (1.0 + e.ripple * math.sin(phase))
     _rub(m, e.actuator, e.bristle, v_before, level, laws.breakaway, laws.mesh_damping, laws.mesh_stribeck)
 
 
 @compiled
-def _run(m: _Memory, places: _Places, stages: Any, laws: _Laws, motor: Any, hand: Any, column: Any) -> None:
-    for k in range(motor.shape[0]):
+def _run(
+    m: _Memory, places: _Places, stages: Any, laws: _Laws, hand: Any, guide: Guide, column: Any, motor: Any
+) -> None:
+    for k in range(hand.shape[0]):
+        motor[k] = guide.stiffness * (guide.angle[k] - m.qpos[places.motor])
+        motor[k] += guide.damping * (guide.rate[k] - m.qvel[places.motor])
         m.applied[places.motor], m.applied[places.column] = motor[k], hand[k]
         for number in range(stages.shape[0]):
             _set_stage(m, stages[number], laws)
@@ -189,14 +197,17 @@ class Twin:
         bearing = model.actuator_dynprm[self._places.bearing, _LUGRE_DAMPING]
         self._laws = _Laws(
             box.breakaway_ratio, box.bristle_damping, box.stribeck_velocity, c.stop_angle, c.stop_stiffness,
-            c.stop_damping, c.coulomb_friction, float(bearing), mjcf.STRIBECK,
+            c.stop_damping, c.coulomb_friction, float(bearing), STRIBECK,
         )  # fmt: skip
 
-    def run(self, motor: Array, hand: Array) -> Array:
-        """Column angle [rad] before each step, from rest, under torques [N·m] on motor shaft and column."""
-        column = np.empty(len(motor))
-        _run(self._memory, self._places, self._stages, self._laws, motor, hand, column)
-        return column
+    def run(self, hand: Array, guide: Guide) -> tuple[Array, Array]:
+        """Column angle [rad] before each step, from rest, and the torque [N·m] with which ``guide`` pulls the motor.
+
+        ``hand`` is the torque [N·m] on the column.
+        """
+        column, motor = np.empty(len(hand)), np.empty(len(hand))
+        _run(self._memory, self._places, self._stages, self._laws, hand, guide, column, motor)
+        return column, motor
 
 
 def _mesh_dampings(p: Parameters) -> list[float]:

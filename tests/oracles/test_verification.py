@@ -5,12 +5,10 @@ import json
 import numpy as np
 import pytest
 
-from cls_bench.verification import CASES, Row, render, verify
-from cls_bench.verification import random_trials as random
-from cls_bench.verification import whole_plant as plant
+from cls_bench.verification import CASES, Row, outer_loop, page, random_trials, render, verify, whole_plant
 from cls_bench.verification.runner import Case
 
-SLOW = (plant.agreement, plant.convergence, plant.closed_loop, random.trials)
+SLOW = (whole_plant.agreement, whole_plant.shipped_rigs_agree, outer_loop.shaking, random_trials.trials)
 QUICK = [case for case in CASES if case not in SLOW]
 
 
@@ -40,11 +38,15 @@ def test_slow_case(case: Case) -> None:
 def test_whole_table_in_processes() -> None:
     told = []
     rows = verify(lambda done, total: told.append((done, total)))
-    assert len(rows) >= 40
+    assert len(rows) >= 240
     assert all(row.passed for row in rows)
+    assert len({row.quantity for row in rows}) == len(rows)
     assert told == [(k, len(CASES)) for k in range(1, len(CASES) + 1)]
-    page = render(rows)
-    assert all(f"| {row.quantity} |" in page for row in rows)
+    text = render(rows)
+    assert all(f"| {row.quantity} |" in text for row in rows)
+    groups = {row.group for row in rows}
+    assert groups == set(page.NOTES)
+    assert text.count("\n## ") == len(groups)  # each in one place
 
 
 def row(obtained: float, *, expected: float = 2.0, limit: float = 0.1, relative: bool = True) -> Row:
@@ -73,10 +75,10 @@ def test_row_of_numpy_numbers_is_json() -> None:
 
 
 def test_page_says_what_falls_short() -> None:
-    page = render([row(2.0), row(3.0)])
-    assert "**2 rows, 1 of which fall short.**" in page
-    assert page.count("| passed |") == 1
-    assert page.count("| FALLS SHORT |") == 1
+    text = render([row(2.0), row(3.0)])
+    assert "**2 rows, 1 of which fall short.**" in text
+    assert text.count("| passed |") == 1
+    assert text.count("| FALLS SHORT |") == 1
 
 
 def test_a_case_that_cannot_be_run_falls_short() -> None:

@@ -1,0 +1,204 @@
+"""How many files a further thing takes: a kind of gear stage, a sensor, a signal.
+
+Each is added to a copy of the package, and run.
+
+The page of all parameters (models/README.md) is made from them and not counted.
+"""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).parents[1]
+Edits = Mapping[str, Sequence[tuple[str, str]]]
+
+HARMONIC: Edits = {
+    "parameters/plant.py": [('"belt", "worm"]', '"belt", "worm", "harmonic"]')],
+    # A wave generator has two lobes, so its error comes twice a turn, whatever its teeth.
+    "plant/gearbox.py": [
+        ('row["teeth"] = stage.ratio, stage.teeth\n', 'row["teeth"] = stage.ratio, stage.teeth\n'
+         '        if stage.kind == "harmonic":\n            row["teeth"] = 2.0\n'),
+    ],
+    "plant/shapes.py": [('"worm": self.worm}', '"worm": self.worm, "harmonic": self.planetary}')],
+}  # fmt: skip
+
+CRANK_SENSOR: Edits = {
+    "parameters/__init__.py": [
+        ("    potentiometer: Potentiometer = Potentiometer()\n",
+         "    potentiometer: Potentiometer = Potentiometer()\n"
+         "    crank_potentiometer: Potentiometer = Potentiometer(range=0.8, noise=1e-3)\n"),
+        ('"encoder", "potentiometer")', '"encoder", "potentiometer", "crank_potentiometer")'),
+    ],
+    "plant/sensors.py": [
+        ('        ("switch_forward", np.int64),',
+         '        ("crank", np.float64),\n        ("switch_forward", np.int64),'),
+        ('NORMAL = ("encoder", "load_cell", "potentiometer")',
+         'NORMAL = ("encoder", "crank", "load_cell", "potentiometer")'),
+        ("    encoder: NDArray[np.float64]\n", "    encoder: NDArray[np.float64]\n    crank: NDArray[np.float64]\n"),
+        ("    samples.current = body.current\n",
+         "    samples.current = body.current\n"
+         "    second = p.crank_potentiometer\n"
+         "    samples.crank = _quantised(plant.qpos[joints.crank] + second.noise * noise.crank[row, axis],\n"
+         "                               2.0 * second.range / (1 << second.adc_bits))\n"),
+    ],
+}  # fmt: skip
+
+SIGNAL: Edits = {
+    "signals.py": [
+        ('("torque", "N·m", "air-gap torque of the motor"),',
+         '("torque", "N·m", "air-gap torque of the motor"),\n            ("heat", "K", "rise of the winding"),'),
+    ],
+    "tick.py": [
+        ("    drive.voltage, drive.torque = truth.body.voltage, truth.body.motor_torque\n",
+         "    drive.voltage, drive.torque = truth.body.voltage, truth.body.motor_torque\n"
+         "    drive.heat = truth.body.temperature\n"),
+    ],
+}  # fmt: skip
+
+
+def copy_of_the_package(folder: Path, edits: Edits) -> Path:
+    """The package with texts replaced, each of which stands there once."""
+    shutil.copytree(ROOT / "cls_bench", folder / "cls_bench", ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("models", "scenarios"):
+        (folder / name).symlink_to(ROOT / name)
+    for file, replaced in edits.items():
+        path = folder / "cls_bench" / file
+        text = path.read_text(encoding="utf-8")
+        for old, new in replaced:
+            assert text.count(old) == 1, f"{file}: {old!r}"
+            text = text.replace(old, new)
+        path.write_text(text, encoding="utf-8")
+    return folder
+
+
+def run_there(folder: Path, program: str) -> Any:
+    """What ``program`` prints as JSON, run as plain Python with the package in ``folder``."""
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=folder, capture_output=True, text=True, check=False,
+        env={**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1"},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr[-2000:]
+    return json.loads(done.stdout)
+
+
+HARMONIC_DRIVE = """
+import json
+import numpy as np
+from cls_bench.bench import Bench
+from cls_bench.hand import HandSamples
+from cls_bench.rigs import parse_rig
+
+rig = parse_rig('''
+title = "a harmonic drive"
+[[data_sheet.gearbox]]
+kind = "harmonic"
+ratio = 50
+efficiency = 0.75
+backlash_arcmin = 0.0
+stiffness_Nm_per_arcmin = 4.0
+inertia_kgcm2 = 0.2
+transmission_error_arcmin = 1.0
+[parameters.gearbox.stage1]
+drag = 0.0
+ripple = 0.0
+''')
+bench = Bench(rig.parameters)
+stage = bench.axes[0].record.truth.mechanism.stage[0]
+turned = np.linspace(0.0, np.pi, 5)
+found = []
+for angle in turned:
+    bench.reset()
+    bench.plant.qpos[bench.model.joint("motor").id] = angle
+    bench.plant.qpos[bench.model.joint("crank").id] = angle / 50.0
+    none, no = np.zeros(8), np.zeros(8, np.bool_)
+    bench.start(power=False)
+    block = bench.advance(HandSamples(none, none, none, no, no, none))
+    found.append(float(block["/gearbox.stage1_torque"][0]))
+print(json.dumps({"torques": found, "stiffness": float(stage.stiffness), "error": float(stage.error),
+                  "geoms": len(bench.geoms), "ratio": rig.parameters.gearbox.ratio}))
+"""
+
+
+def test_a_kind_of_gear_stage_takes_three_files(tmp_path):
+    """Its name, its law and its drawing. A rig file may name it from then on; its error comes twice in a turn."""
+    assert len(HARMONIC) <= 3
+    found = run_there(copy_of_the_package(tmp_path, HARMONIC), HARMONIC_DRIVE)
+    assert found["ratio"] == 50.0 and found["geoms"] > 30
+    expected = found["stiffness"] * found["error"] * -np.sin(2.0 * np.linspace(0.0, np.pi, 5))
+    assert found["error"] > 0.0
+    np.testing.assert_allclose(found["torques"], expected, atol=1e-6 * np.abs(expected).max())
+
+
+def test_a_kind_that_has_no_law_of_its_own_takes_two(tmp_path):
+    edits = {file: replaced for file, replaced in HARMONIC.items() if file != "plant/gearbox.py"}
+    assert len(edits) == 2
+    program = HARMONIC_DRIVE.replace("[parameters.gearbox.stage1]", "[parameters.gearbox.stage1]\nteeth = 2")
+    found = run_there(copy_of_the_package(tmp_path, edits), program)
+    expected = found["stiffness"] * found["error"] * -np.sin(2.0 * np.linspace(0.0, np.pi, 5))
+    np.testing.assert_allclose(found["torques"], expected, atol=1e-6 * np.abs(expected).max())
+
+
+SAMPLES = """
+import json
+import numpy as np
+from cls_bench.bench import Bench
+from cls_bench.hand import HandSamples
+from cls_bench.parameters import Parameters
+
+bench, found = Bench(Parameters(), seed=7), {}
+bench.start(power=True)
+yes, none = np.ones(8, np.bool_), np.zeros(8)
+samples = bench.axes[0].record.samples
+for first in range(0, 480, 8):
+    bench.advance(HandSamples(none, none, none + 60.0, yes, yes, none + 0.5))
+    for name in samples.dtype.names:
+        found.setdefault(name, []).append(float(samples[name]))
+print(json.dumps({"samples": found, "crank": float(bench.plant.qpos[bench.model.joint("crank").id])}))
+"""
+
+
+def test_a_sensor_takes_three_files_and_leaves_the_others_samples(tmp_path):
+    """A potentiometer on the crank with noise of its own: the others sample on to the last bit."""
+    assert len(CRANK_SENSOR) <= 3
+    for name in ("before", "after"):
+        (tmp_path / name).mkdir()
+    before = run_there(copy_of_the_package(tmp_path / "before", {}), SAMPLES)
+    after = run_there(copy_of_the_package(tmp_path / "after", CRANK_SENSOR), SAMPLES)
+    new = np.array(after["samples"].pop("crank"))
+    assert after == before
+    assert len(set(before["samples"]["encoder"])) > 5
+    assert np.ptp(new) > 1e-4
+    assert (np.round(new / (1.6 / 2**16)) * 1.6 / 2**16 == pytest.approx(new, abs=1e-12))
+    assert new[-1] == pytest.approx(after["crank"], abs=6e-3)
+
+
+RECORD = """
+import json
+from pathlib import Path
+from cls_bench import Recording, run
+
+hand = 'hand = [{at = 0.0, kind = "step", to_N = 60.0}]'
+Path("t.toml").write_text(f'title = "t"\\nduration = 0.01\\n{hand}')
+result = run("t.toml", out=Path("out"), rerun=False)
+drive = Recording(result.mcap).read("/drive")
+print(json.dumps({name: drive[name].tolist() for name in ("heat", "current")}))
+"""
+
+
+def test_a_signal_takes_its_declaration_and_the_line_that_writes_it(tmp_path):
+    """Two files; what records, and what reads a recording, have it from then on."""
+    assert len(SIGNAL) == 2
+    found = run_there(copy_of_the_package(tmp_path, SIGNAL), RECORD)
+    heat, current = np.array(found["heat"]), np.array(found["current"])
+    assert len(heat) == len(current) == 50
+    # C dT/dt = R i², so early on: the sum of it over the rows of 200 µs.
+    assert heat[-1] == pytest.approx(6.0 * 1.444 / 60.0 * np.trapezoid(current**2, dx=2e-4), rel=0.1)
+    assert heat[-1] > 0.0
