@@ -1,14 +1,13 @@
 """What an onset is searched over: a quantity of the bench or of the hand, with its range."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeVar
-
-from pydantic import ValidationError
+from typing import Any
 
 from cls_bench.errors import InputError
+from cls_bench.input.faults import FaultError
 from cls_bench.linear.hand import Hand, forward_inertia, limb_mass_for
-from cls_bench.parameters import Parameters, Section, leaves
+from cls_bench.parameters import Parameters, leaves
+from cls_bench.parameters.override import override
 
 
 @dataclass(frozen=True)
@@ -105,27 +104,9 @@ def variation(
 def changed(p: Parameters, key: str, value: Any) -> Parameters:
     """A copy of ``p`` with the parameter ``key`` (dotted) at ``value``; InputError if that is not allowed."""
     try:
-        return _changed(p, key.split("."), value)
-    except AttributeError:
-        raise InputError(f'parameter "{key}" does not exist') from None
-    except ValidationError as error:
-        raise InputError(f"{key} = {value}: {error.errors()[0]['msg']}") from None
-
-
-_S = TypeVar("_S", bound=Section)
-
-
-def _changed(section: _S, path: Sequence[str], value: Any) -> _S:
-    """Copies of the sections along ``path`` alone, each checked as a whole."""
-    name, *rest = path
-    if name not in type(section).model_fields:
-        raise AttributeError(name)
-    inner = getattr(section, name)
-    if isinstance(inner, Section) != bool(rest):
-        raise AttributeError(".".join(path))
-    copy = section.model_copy()
-    setattr(copy, name, _changed(inner, rest, value) if rest else value)
-    return copy
+        return override(p, {key: value})
+    except FaultError as fault:
+        raise InputError(str(fault)) from None
 
 
 def ideal(p: Parameters) -> Parameters:
@@ -133,15 +114,9 @@ def ideal(p: Parameters) -> Parameters:
 
     A worm no longer locks itself.
     """
-    for name in ("stage1", "stage2", "stage3"):
-        for key, value in (
-            ("drag", 0.0), ("efficiency", 1.0), ("backdrive_efficiency", 1.0), ("backlash", 0.0),
-            ("transmission_error", 0.0),
-        ):  # fmt: skip
-            p = changed(p, f"gearbox.{name}.{key}", value)
-    for key, value in (
-        ("motor.cogging_amplitude", 0.0), ("column.coulomb_friction", 0.0), ("feel.friction", 0.0),
-        ("encoder.noise", 0.0), ("encoder.interpolation", 65536), ("load_cell.noise", 0.0),
-    ):  # fmt: skip
-        p = changed(p, key, value)
-    return p
+    exact = {"drag": 0.0, "efficiency": 1.0, "backdrive_efficiency": 1.0, "backlash": 0.0, "transmission_error": 0.0}
+    return override(p, {
+        **{f"gearbox.stage{k}.{key}": value for k in range(1, p.gearbox.stages + 1) for key, value in exact.items()},
+        "motor.cogging_amplitude": 0.0, "column.coulomb_friction": 0.0, "feel.friction": 0.0,
+        "encoder.noise": 0.0, "encoder.interpolation": 65536, "load_cell.noise": 0.0,
+    })  # fmt: skip
