@@ -66,8 +66,8 @@ deviation grows up to eightyfold from the first second to the second. So the com
 apart and not steps, is made at 1.6 µs; see "convergence" for the steps.""",
     "convergence": """\
 The same records over 1 s, for steps from 50 µs down, then the bench as it is used: with the controller guiding the
-column. There, 50 µs is enough. The order is taken from three runs at 3.1, 1.6 and 0.8 µs: from coarser
-steps on the error falls more slowly, and at 50 µs it is less than half of what first order would make of that at 1 µs.""",
+column. There, 50 µs is enough. The order is taken from three runs at 3.1, 1.6 and 0.8 µs: from coarser steps on the
+error falls more slowly, and at 50 µs it is less than half of what first order would make of that at 1 µs.""",
     "whole plant of any rig": """\
 The reduced model once more, for every kind of stage and linkage (`cls_bench/verification/rigs.py`) and for the rigs
 that come with the bench. A soft spring and damper swing the motor over half the travel, against a hand that pulls to
