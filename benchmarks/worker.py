@@ -155,7 +155,7 @@ def plain() -> Callable[[], float]:
     def measure() -> float:
         nonlocal at
         hand = loop.Hand.of([timeline.sample(at, ticks)])
-        noise = bench._streams.draw(ticks, (False, False))
+        noise = bench._streams.draw(ticks, bench._chances)
         start = time.perf_counter()
         loop.advance(
             bench.plant, bodies, bench._watched, hand, noise, trace, bench._bodies, bench._cycles, bench._warned,

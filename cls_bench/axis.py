@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cls_bench.control import limits, servo, validity
+from cls_bench.control import limits, plc, servo, validity
 from cls_bench.control.state import CONTROLLER, configure
 from cls_bench.errors import InputError
 from cls_bench.parameters import CONTROL, PLANT, Parameters
@@ -25,7 +25,10 @@ AXIS = np.dtype(
     ]
 )
 
-NUMBERS = validity.places(AXIS, ("controller.parameters.",)), validity.places(AXIS, ("controller.state.", "samples."))
+NUMBERS = (
+    validity.places(AXIS, ("controller.parameters.",), plc.SLOTS),
+    validity.places(AXIS, ("controller.state.", "samples."), plc.SLOTS),
+)
 """Names and places of the numbers that the controller's self-check looks at: its parameters, what it remembers."""
 
 

@@ -1,7 +1,7 @@
 """The bench: owns model, memory and buffers of one axis or several, and steps them.
 
-It is told what the hands do and what changes, and knows no scenario: scripted runs, sweeps, live use and a host link are
-drivers on top (:mod:`cls_bench.drivers`).
+It is told what the hands do and what changes, and knows no scenario: scripted runs, sweeps, live use and a host link
+are drivers on top (:mod:`cls_bench.drivers`).
 """
 
 import math
@@ -26,13 +26,13 @@ from cls_bench.control import plc, servo
 from cls_bench.controllers import failure_of
 from cls_bench.errors import BenchError, ControllerError, ExitCode, InputError, one_line
 from cls_bench.geometry import Geom
-from cls_bench.parameters import Parameters, leaves
 from cls_bench.hand import HandSamples
+from cls_bench.parameters import Parameters, leaves
 from cls_bench.plant import mechanism, mjcf, sensors, state
 from cls_bench.plant import model as plant_model
 from cls_bench.resources import model_folder
 from cls_bench.run_log import LimitLog, Trip, source_of, trip
-from cls_bench.signals import Block, Event, Topic, topics
+from cls_bench.signals import Block, Event, Topic, is_axis, topics
 from cls_bench.step_limit import check_step
 from cls_bench.trace import Buffers
 
@@ -107,7 +107,8 @@ class Bench:
 
     ``parameters`` are those of the only axis, or of each by name. ``seed`` seeds the sensors' noise; each sensor has a
     random stream of its own. ``controller`` replaces the feel model in the PLC by a user's own outer loop, or those of
-    some axes by name. Raises :class:`InputError` if the parameters make a model that cannot be stepped, and MemoryError.
+    some axes by name. Raises :class:`InputError` if the parameters make a model that cannot be stepped, and
+    MemoryError.
     """
 
     def __init__(
@@ -122,6 +123,9 @@ class Bench:
             if not isinstance(loop, OuterLoop):
                 raise InputError(f"controller {type(loop).__name__} has no method step(inputs)")
         _check_together(self._built)
+        for name in self._controllers:
+            if name not in self._built:
+                raise InputError(f"controller of axis {name!r}: there is {', '.join(map(repr, self._built))}")
         for p in self._built.values():
             check_step(p)
         try:
@@ -264,7 +268,8 @@ class Bench:
         self.parameters_of[axis.name] = parameters
         plant_model.set_weights(self.model, axis.name, parameters)
         now = self.parameters_of.values()
-        self._chances = any(p.load_cell.spike_rate > 0.0 for p in now), any(p.plc.frame_loss > 0.0 for p in now)
+        lost = [p.plc.frame_loss > 0.0 for p in now]
+        self._chances = [p.load_cell.spike_rate > 0.0 for p in now], lost, lost
 
     def _named(self, name: str) -> Axis:
         for axis in self.axes:
@@ -273,19 +278,27 @@ class Bench:
         raise InputError(f"axis {name!r}: there is {', '.join(repr(axis.name) for axis in self.axes)}")
 
     def change(
-        self, parameters: Parameters | None = None, *, mode: str | None = None, power: str | None = None, axis: str = "",
+        self, parameters: Parameters | None = None, *, mode: str | None = None, power: str | None = None,
+        axis: str = "",
     ) -> None:  # fmt: skip
-        """Change live parameters of an axis, its drive's mode or power, from the next tick on; the log says so."""
+        """Change live parameters of an axis, its drive's mode or power, from the next tick on; the log says so.
+
+        Raises InputError, and changes nothing, for a parameter that is not live and a mode or power that is none.
+        """
         changed = self._named(axis)
         state_record = changed.record.controller.state
+        for name, value, valid in (("mode", mode, servo.MODES), ("power", power, ("on", "off"))):
+            if value is not None and value not in valid:
+                raise InputError(f"{name} {value!r} is not valid; give one of {', '.join(valid)}")
         said = []
         if parameters is not None:
-            said += [
-                f"{key} = {value}" + ("" if info["unit"] == "1" else f" {info['unit']}")
-                for (key, value, info), (_, old, _) in zip(
-                    leaves(parameters), leaves(self.parameters_of[axis]), strict=True
-                ) if value != old
-            ]  # fmt: skip
+            for (key, new, info), (_, old, _) in zip(
+                leaves(parameters), leaves(self.parameters_of[axis]), strict=True
+            ):  # fmt: skip
+                if new != old:
+                    if not info["live"]:
+                        raise InputError(f"parameters.{key}: holds for the whole run; reset the bench with another")
+                    said.append(f"{key} = {new}" + ("" if info["unit"] == "1" else f" {info['unit']}"))
             self._apply(changed, parameters)
         if mode is not None:
             state_record.servo.mode = servo.MODES.index(mode)
@@ -318,6 +331,8 @@ class Bench:
         first, ticks = self._tick, len(hands.angle)
         if not 0 < ticks <= self.block_ticks or first % self.clock.plc_ticks:
             raise ValueError(f"a block has whole PLC cycles, and at most {self.block_ticks} ticks; this one {ticks}")
+        if any(values.shape != (ticks, len(self.axes)) for values in hands):  # compiled code looks at no bounds
+            raise ValueError(f"a hand for each axis: there are {len(self.axes)}, and {hands.angle.shape[1]} hands")
         noise = self._streams.draw(ticks, self._chances)
         trace = self._room(first, ticks)
         powered = self._power.tolist()
@@ -402,6 +417,11 @@ class Bench:
         joint = tick.first_unbounded(self.plant)
         if joint >= 0:
             return f"velocity of joint {self.model.joint(joint).name} is not finite or out of all bounds"
+        for axis in self.axes:
+            body = axis.record.truth.body
+            for name in mechanism.REMEMBERED:
+                if not math.isfinite(body[name]):
+                    return f"{plant_model.prefixed(axis.name, name)} in the plant is not finite"
         return f"MuJoCo warned: {warned[0]}"
 
     def _first_lost(self, signals: Mapping[str, NDArray[np.float64]], first: int) -> tuple[int, str] | None:
@@ -426,6 +446,8 @@ def _check_together(built: Mapping[str, Parameters]) -> None:
     for name, p in built.items():
         if not name and len(built) > 1:
             raise InputError("of several axes each has a name")
+        if name and not is_axis(name):
+            raise InputError(f"axis {name!r}: a name is up to 20 of a–z, 0–9 and _, a letter first")
         for section in ("rates", "simulation"):
             if getattr(p, section) != getattr(first, section):
                 raise InputError(
@@ -465,8 +487,8 @@ class _Streams:
         self._at = 0
         self._none = np.zeros((0, len(axes)))
 
-    def draw(self, ticks: int, chances: tuple[bool, bool]) -> sensors.Noise:
-        """The random numbers of the next ``ticks`` ticks; spikes and lost frames where ``chances`` has them."""
+    def draw(self, ticks: int, chances: Sequence[Sequence[bool]]) -> sensors.Noise:
+        """The random numbers of the next ``ticks`` ticks; of each source of chance for those axes that want it."""
         if self._at + ticks > len(self._pool[0]):
             new = max(_POOL, ticks)
             self._pool = [
@@ -476,11 +498,11 @@ class _Streams:
             self._at = 0
         normal = [pool[self._at : self._at + ticks] for pool in self._pool]
         self._at += ticks
-        drawn = (chances[0], chances[1], chances[1])
         uniform = [
-            np.stack([s.random(ticks) for s in streams], axis=1) if wanted else self._none
-            for wanted, streams in zip(drawn, self._uniform, strict=True)
-        ]
+            np.stack([s.random(ticks) if w else np.ones(ticks) for s, w in zip(streams, wanted, strict=True)], axis=1)
+            if any(wanted) else self._none
+            for streams, wanted in zip(self._uniform, chances, strict=True)
+        ]  # fmt: skip
         return sensors.Noise(*normal, *uniform)
 
 

@@ -4,9 +4,9 @@ With ``NUMBA_DISABLE_JIT=1`` the same functions run as plain Python; a test hold
 
 Machine code is kept on disk, in a folder whose name is a hash of all it depends on: the source files that end up in
 machine code (their syntax trees: a changed comment changes nothing), the versions of what compiles them, and numba's
-settings. So a changed law is never run from a stale cache, and a change elsewhere compiles nothing. Numba's own cache knows only the file a function stands in, not the
-files it calls, and goes elsewhere where it cannot write; so it is not used. Where nothing can be kept, all is compiled
-anew in each process.
+settings. So a changed law is never run from a stale cache, and a change elsewhere compiles nothing. Numba's own cache
+knows only the file a function stands in, not the files it calls, and goes elsewhere where it cannot write; so it is not
+used. Where nothing can be kept, all is compiled anew in each process.
 
 Each entry carries its checksum: what is damaged is compiled again. And before anything is compiled, the byte code that
 Python loaded is held against the source it should come from: Python takes a file of the same time and size for
@@ -48,15 +48,19 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 _PACKAGE = Path(__file__).parent
 
-SOURCES = ("control/*.py", "plant/*.py", "compiled.py", "kinematics.py", "parameters/quantity.py", "tick.py")
-"""Files whose functions or constants end up in machine code; a test compares them with what compiled functions use.
+SOURCES = ("control/*.py", "plant/*.py", "kinematics.py", "tick.py")
+"""Where the loop's functions stand: of these files those that mark one as :func:`compiled`."""
+
+CONSTANTS = ("compiled.py", "parameters/quantity.py")
+"""Other files that such functions take a constant from; a test compares both lists with what they use.
 
 How a record is laid out (parameters, signals) is part of a function's signature, and so of each entry's name.
 """
 
 
 def _source_files() -> list[Path]:
-    return sorted(path for pattern in SOURCES for path in _PACKAGE.glob(pattern))
+    marked = (path for pattern in SOURCES for path in _PACKAGE.glob(pattern) if b"@compiled" in path.read_bytes())
+    return sorted([*marked, *(_PACKAGE / name for name in CONSTANTS)])
 
 
 def source_hash() -> str:
@@ -160,6 +164,7 @@ _CACHE = _folder()
 
 _rebuild: Any = compiler.CompileResult._rebuild
 _dumps: Any = dumps
+_types: Any = types
 
 
 class _Unkept:
@@ -218,8 +223,17 @@ class _Cache(caching.NullCache):
                 )  # fmt: skip
 
     def _entry(self, sig: Any, codegen: Any) -> Path:
-        about = repr((self._function, sig, codegen.magic_tuple()))
+        about = repr((self._function, sig, [*_fields(sig)], codegen.magic_tuple()))
         return _CACHE / f"{self._name}-{hashlib.sha256(about.encode()).hexdigest()[:32]}.bin"
+
+
+def _fields(kinds: Any) -> Iterator[tuple[str, ...]]:
+    """Names of the fields of all named tuples among ``kinds``: numba's name of such a type tells their types alone."""
+    for kind in getattr(kinds, "args", kinds):
+        if isinstance(kind, _types.BaseNamedTuple):
+            yield kind.fields
+        if isinstance(kind, _types.BaseTuple):
+            yield from _fields(kind.types)
 
 
 def is_cached() -> bool:
@@ -267,7 +281,8 @@ def _call(_: Any, address: Any, number: Any) -> Any:
 
 
 if JIT:
-    call: Callable[[int, int], int] = numba.extending.intrinsic(_call)
+    _intrinsic: Any = numba.extending.intrinsic
+    call: Callable[[int, int], int] = _intrinsic(_call)
 else:
 
     def call(address: int, number: int) -> int:

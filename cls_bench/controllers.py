@@ -2,7 +2,7 @@
 
 ``FILE.py:NAME`` or ``package.module:NAME``, with arguments. NAME is called with the arguments and gives the object with
 ``step(inputs)``, a fresh one for every run. If NAME takes an argument called ``parameters`` that was not given, it gets
-the parameters at the start of the run.
+what a controller may know of the parameters at the start of the run (ControlParameters).
 
 Modules beside the file are found, and come first, but for the user's modules alone: a file called ``control.py`` or
 ``json.py`` hides nothing from anyone else, and is not hidden by what is installed. So the file's folder is made a

@@ -310,7 +310,7 @@ FEEL_MODEL = "feel model"
 def make_controller(scenario: Scenario, parameters: Parameters) -> OuterLoop | None:
     """A fresh object of the controller that the scenario names; None for the feel model."""
     place = scenario.controller_place
-    loop: OuterLoop | None = None if place is None else Controller(place).make(parameters)
+    loop: OuterLoop | None = None if place is None else Controller(place).make(parameters.for_control)
     return loop
 
 
@@ -323,7 +323,7 @@ def _controller(
         place = Place(place, key="controller")
     if isinstance(place, Place):
         found = Controller(place)
-        return found.make(parameters), {**found.metadata, CONTROLLER_FILE: found.text}
+        return found.make(parameters.for_control), {**found.metadata, CONTROLLER_FILE: found.text}
     if place is None:
         return None, {"controller.name": FEEL_MODEL}
     return place, {"controller.name": type(place).__name__, **_source_of(type(place))}

@@ -101,7 +101,7 @@ class _Episode(NamedTuple):
 
 
 class LimitLog:
-    """Makes events of the rows of ``/limits`` of an axis: a warning when a limit is reached, a line when that is over."""
+    """Makes events of the rows of an axis's ``/limits``: a warning when one is reached, a line when that is over."""
 
     def __init__(self, clock: Clock, axis: str = "") -> None:
         self._clock, self._axis = clock, axis

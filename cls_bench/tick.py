@@ -51,11 +51,13 @@ class Hand(NamedTuple):
         """The hands of all axes, in the form compiled code takes."""
         if len(hands) == 1:  # without a copy
             return cls(*[getattr(hands[0], name)[:, None] for name in cls._fields])
-        return cls(*(np.stack([getattr(hand, name) for hand in hands], axis=1) for name in cls._fields))
+        fields: list[Any] = [np.stack([getattr(hand, name) for hand in hands], axis=1) for name in cls._fields]
+        return cls(*fields)
 
     def part(self, first: int, ticks: int) -> "Hand":
         """Some consecutive ticks of it, without a copy."""
-        return Hand(*[values[first : first + ticks] for values in self])
+        fields: list[Any] = [values[first : first + ticks] for values in self]
+        return Hand(*fields)
 
 
 class Watched(NamedTuple):
@@ -100,7 +102,7 @@ class Due(NamedTuple):
 def first_unbounded(plant: Plant) -> int:
     """Index of the first joint whose velocity is not finite or beyond :data:`BOUND`; −1 if there is none.
 
-    Whatever else is lost (a force, a current) shows in a velocity at the next step.
+    Whatever force is lost shows in a velocity at the next step.
     """
     for joint in range(plant.qvel.shape[0]):
         if not abs(plant.qvel[joint]) < BOUND:
@@ -296,13 +298,15 @@ def advance(
     for row in range(ticks):
         tick = first_tick + row
         due = Due(tick == next_velocity, tick == next_position, tick == next_bus, tick == next_plc)
+        sound = True
         for a in range(count):
             axis = axes[a]
             if due.plc and _is_on(axis.controller.state):
                 _check_numbers(axis.controller.state, watched, a, tick)
             mechanism.arrive(plant, axis.truth)
             sensors.sample(plant, axis.truth, noise, a, row, axis.samples)
-        if first_unbounded(plant) >= 0:
+            sound = sound and mechanism.is_finite(axis.truth.body)
+        if not sound or first_unbounded(plant) >= 0:
             return row
         for a in range(count):
             axis = axes[a]

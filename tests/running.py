@@ -10,8 +10,8 @@ from cls_bench.bench import Bench, OuterLoop
 from cls_bench.drivers import scripted
 from cls_bench.hand import HandSamples
 from cls_bench.parameters import Parameters
-from cls_bench.scenario import parse_scenario
 from cls_bench.parameters.override import override
+from cls_bench.scenario import parse_scenario
 from cls_bench.signals import Block, Event, Topic
 
 

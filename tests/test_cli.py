@@ -164,7 +164,10 @@ def test_a_bad_scenario_is_one_line_that_names_file_key_value_and_what_is_valid(
     ("feel.inertia", ("KEY=VALUE",)),
     ("feel.inertia=-1.0", ("feel.inertia", "-1", "≥ 0.001")),
     ("feel.inertai=1.0", ("feel.inertai", "inertia")),
-    ("gearbox.efficiency=0.99", ("efficiency", "0.99")),
+    ("gearbox.efficiency=0.99", ("gearbox.efficiency", "unknown parameter", "gearbox.stage1.efficiency")),
+    ("gearbox.stage1.efficiency=1.01", ("gearbox.stage1.efficiency", "1.01", "≤ 1")),
+    ("gearbox.stage3.efficiency=0.99", ("gearbox.stage3.efficiency", "no stage 3", "gearbox.stages = 2")),
+    ("column.switch_angle=0.3", ("column", "travel, switch_angle and stop_angle must grow in this order")),
 ])  # fmt: skip
 def test_a_bad_override_is_one_line(short: Path, override: str, words: tuple[str, ...]) -> None:
     result = call("validate", short, "--set", override)

@@ -1,60 +1,253 @@
 """The machine code's cache: its key covers what is compiled, and nothing that is only imported along with it."""
 
+import ast
 import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
 
-import grimp
 import pytest
+from numba import types
 
 from cls_bench import compiled
 
-NEVER_COMPILED = {"cls_bench.errors", "cls_bench.pilot", "cls_bench.resources", "cls_bench.scenario"}
-"""What ``tick`` and ``plant`` import for types and for building the model: no function of theirs is compiled."""
+PACKAGE = Path(compiled.__file__).parent
 
 
-def _hashed() -> set[str]:
-    folder = compiled.Path(compiled.__file__).parent
-    paths = [path for pattern in compiled.SOURCES for path in folder.glob(pattern)]
-    dotted = [".".join(("cls_bench", *path.relative_to(folder).with_suffix("").parts)) for path in paths]
-    return {name.removesuffix(".__init__") for name in dotted}
+# --- what is compiled, read from the sources alone --------------------------------------------------------------------
 
 
-def test_key_covers_all_that_the_tick_imports() -> None:
-    graph = grimp.build_graph("cls_bench")
-    for name in NEVER_COMPILED:
-        graph.remove_module(name)
-    imported = graph.find_upstream_modules("cls_bench.tick") | {"cls_bench.tick"}
-    assert "cls_bench.control.servo" in imported
-    assert imported - {"cls_bench"} <= _hashed()
+class Module:
+    """A source file: what it defines at its top, and where its imported names come from."""
+
+    def __init__(self, path: Path):
+        self.path = path
+        self.defined: dict[str, ast.AST] = {}
+        self.imported: dict[str, tuple[Path, str | None]] = {}
+        """file, and the name in it; None for the file itself"""
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "cls_bench":
+                for alias in node.names:
+                    name = alias.asname or alias.name
+                    inner = _file(f"{node.module}.{alias.name}")
+                    self.imported[name] = (inner, None) if inner else (_file(node.module), alias.name)
+        self._define(ast.parse(path.read_text(encoding="utf-8")).body)
+
+    def _define(self, body: list[ast.stmt]) -> None:
+        for node in body:
+            if isinstance(node, ast.FunctionDef | ast.ClassDef):
+                self.defined[node.name] = node
+            elif isinstance(node, ast.Assign | ast.AnnAssign):
+                for target in node.targets if isinstance(node, ast.Assign) else [node.target]:
+                    self.defined |= {n.id: node for n in ast.walk(target) if isinstance(n, ast.Name)}
+            elif isinstance(node, ast.If):
+                self._define([*node.body, *node.orelse])
+
+    @property
+    def marked(self) -> list[str]:
+        """Functions that are compiled."""
+        return [
+            name for name, node in self.defined.items()
+            if isinstance(node, ast.FunctionDef) and "compiled" in map(ast.unparse, node.decorator_list)
+        ]  # fmt: skip
 
 
-def test_nothing_compiled_is_left_out() -> None:
-    folder = compiled.Path(compiled.__file__).parent
-    for name in NEVER_COMPILED:
-        place = folder / name.removeprefix("cls_bench.").replace(".", "/")
-        files = list(place.glob("*.py")) if place.is_dir() else [place.with_suffix(".py")]
-        assert files
-        for source in (file.read_text() for file in files):
-            assert "@compiled" not in source and "njit" not in source
+def _file(dotted: str) -> Path | None:
+    """The file of a module of the package."""
+    base = PACKAGE.parent.joinpath(*dotted.split("."))
+    return next((path for path in (base.with_suffix(".py"), base / "__init__.py") if path.is_file()), None)
 
 
-def test_key_follows_the_sources(tmp_path, monkeypatch) -> None:
-    for pattern in compiled.SOURCES:
-        for path in compiled._PACKAGE.glob(pattern):
-            copy = tmp_path / path.relative_to(compiled._PACKAGE)
-            copy.parent.mkdir(exist_ok=True)
-            copy.write_bytes(path.read_bytes())
-    (tmp_path / "bench.py").write_text("")
-    before = compiled.source_hash()
-    monkeypatch.setattr(compiled, "_PACKAGE", tmp_path)
-    assert compiled.source_hash() == before
-    (tmp_path / "bench.py").write_text("# not compiled")
-    assert compiled.source_hash() == before
-    law = tmp_path / "control" / "servo.py"
-    law.write_bytes(law.read_bytes() + b"\n# changed\n")
-    assert compiled.source_hash() != before
+module = cache(Module)
+
+
+def _used(path: Path, name: str) -> Iterator[tuple[Path, str]]:
+    """What the definition of ``name`` takes from the top of its own or another file: (file, name)."""
+    own, node = module(path), module(path).defined.get(name)
+    if name in own.imported and node is None:  # handed on, as by a package
+        where, other = own.imported[name]
+        if other is not None:
+            yield where, other
+        return
+    if node is None or isinstance(node, ast.ClassDef):
+        return
+    parts = node.body if isinstance(node, ast.FunctionDef) else [node.value]
+    whole = [n for part in parts if part is not None for n in ast.walk(part)]
+    for n in whole:
+        if isinstance(n, ast.Attribute) and isinstance(n.value, ast.Name):
+            where, other = own.imported.get(n.value.id, (None, ""))
+            if where is not None and other is None:
+                yield where, n.attr
+        elif isinstance(n, ast.Name) and n.id in own.imported and own.imported[n.id][1] is not None:
+            yield own.imported[n.id]
+        elif isinstance(n, ast.Name) and n.id in own.defined and n.id != name:
+            yield path, n.id
+
+
+def needed(path: Path) -> set[Path]:
+    """Files on which the machine code of the functions of ``path`` depends, wherever a name is handed on."""
+    open_ = [(path, name) for name in module(path).marked]
+    seen = set(open_)
+    while open_:
+        for item in _used(*open_.pop()):
+            if item not in seen:
+                seen.add(item)
+                open_.append(item)
+    return {where for where, name in seen if name in module(where).defined}
+
+
+COMPILING = [path for path in sorted(PACKAGE.rglob("*.py")) if module(path).marked]
+
+
+def test_the_sources_are_read_right():
+    """What the analysis must see: functions, constants by name and by module, and those that a package hands on."""
+    found = {path.relative_to(PACKAGE).as_posix() for path in needed(PACKAGE / "tick.py")}
+    assert {"compiled.py", "control/plc.py", "control/feel.py", "kinematics.py", "parameters/quantity.py"} <= found
+    assert not found & {"parameters/__init__.py", "plant/mjcf.py", "plant/shapes.py", "plant/model.py", "hand.py"}
+    assert len(module(PACKAGE / "tick.py").marked) > 10
+
+
+def test_the_key_covers_what_the_loop_is_compiled_from_and_nothing_else():
+    hashed = set(compiled._source_files())
+    loop = {path for pattern in compiled.SOURCES for path in PACKAGE.glob(pattern)} & set(COMPILING)
+    assert set().union(*(needed(path) for path in loop)) == hashed
+
+
+@pytest.mark.parametrize("path", COMPILING, ids=lambda path: path.relative_to(PACKAGE).as_posix())
+def test_no_function_is_compiled_from_a_file_that_no_key_knows(path):
+    """Wherever it stands: an entry's name has the meaning of its own file, its folder that of the loop's files."""
+    assert needed(path) <= {*compiled._source_files(), path}
+
+
+# --- the key ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def copied(tmp_path, monkeypatch):
+    """A copy of the package's sources, of which the key is then made."""
+    folder = tmp_path / "cls_bench"
+    shutil.copytree(PACKAGE, folder, ignore=shutil.ignore_patterns("__pycache__", "_data"))
+    monkeypatch.setattr(compiled, "_PACKAGE", folder)
+    return folder
+
+
+def _changed(path: Path, old: str, new: str) -> bool:
+    """Whether the key is another one with ``new`` in place of ``old``."""
+    text = path.read_text(encoding="utf-8")
+    assert old in text and old != new
+    before = _key()
+    path.write_text(text.replace(old, new, 1), encoding="utf-8")
+    after = _key()
+    path.write_text(text, encoding="utf-8")
+    assert _key() == before
+    return after != before
+
+
+def _key() -> str:
+    compiled._source.cache_clear()  # a process reads its sources once
+    found = compiled.source_hash()
+    compiled._source.cache_clear()
+    return found
+
+
+@pytest.mark.parametrize(("file", "old", "new"), [
+    ("control/servo.py", "\n@compiled\n", "\n# a comment\n@compiled\n"),
+    ("control/servo.py", "Velocity from the encoder", "Speed from the encoder"),
+    ("control/plc.py", "Slots of a command frame", "Places in a command frame"),
+    ("control/servo.py", "raw = (encoder - state.encoder_before) / cycle",
+     "raw = (\n        encoder - state.encoder_before\n    ) / cycle"),
+    ("parameters/plant.py", "rotor inertia", "inertia of the rotor"),
+    ("parameters/plant.py", "4.0e-5", "4.1e-5"),
+    ("parameters/control.py", "assumed: tuned", "assumed: tuned by hand"),
+    ("parameters/feel.py", "I_fcs", "I_f"),
+    ("parameters/quantity.py", "Standard gravity", "Gravity"),
+    ("plant/mjcf.py", "import ", "import  "),
+    ("plant/shapes.py", "0.0", "0.1"),
+    ("plant/model.py", "1e-6", "1e-5"),
+    ("control/tuning.py", "2.0", "3.0"),
+    ("bench.py", "0.2", "0.3"),
+    ("signals.py", "drive's", "drive"),
+])  # fmt: skip
+def test_what_is_not_compiled_changes_no_key(copied, file, old, new):
+    assert not _changed(copied / file, old, new)
+
+
+@pytest.mark.parametrize(("file", "old", "new"), [
+    ("control/servo.py", "ratio * ratio", "ratio * ratio * ratio"),
+    ("control/latch.py", "DEPTH = 17", "DEPTH = 18"),
+    ("control/feel.py", "0.0025", "0.0026"),
+    ("control/plc.py", "COMMAND_POSITION, COMMAND_VELOCITY", "COMMAND_VELOCITY, COMMAND_POSITION"),
+    ("plant/motor.py", "return 0.0", "return 1.0"),
+    ("plant/play.py", "@compiled", "@compiled\n@compiled"),
+    ("kinematics.py", "0.5", "0.6"),
+    ("parameters/quantity.py", "9.80665", "9.81"),
+    ("compiled.py", 'error_model="numpy"', 'error_model="python"'),
+    ("tick.py", "BOUND = 1.0e4", "BOUND = 1.0e5"),
+])  # fmt: skip
+def test_what_is_compiled_changes_the_key(copied, file, old, new):
+    assert _changed(copied / file, old, new)
+
+
+def test_a_new_law_changes_the_key(copied):
+    before = _key()
+    (copied / "control" / "force.py").write_text("X = 1.0\n")
+    assert _key() == before  # nothing in it is compiled
+    (copied / "control" / "force.py").write_text(
+        "from cls_bench.compiled import compiled\n\n\n@compiled\ndef f():\n    return 1.0\n"
+    )
+    assert _key() != before
+
+
+def test_an_entry_knows_the_fields_of_a_named_tuple():
+    """Two places of one type change their names: numba gives the type the same name, and the law reads the other."""
+    number = types.float64
+    one, other = (types.NamedUniTuple(number, 2, _tuple(names)) for names in ("ab", "ba"))
+    assert str(one) == str(other)
+    assert [*compiled._fields((number, one))] != [*compiled._fields((number, other))]
+    nested = types.Tuple((number, types.UniTuple(one, 2)))
+    assert [*compiled._fields((nested,))] == [("a", "b")] * 2
+
+
+def _tuple(names: str) -> type:
+    from collections import namedtuple
+
+    return namedtuple("Pair", [*names])
+
+
+@pytest.mark.slow
+def test_a_parameters_text_compiles_nothing(tmp_path):
+    """The whole loop, in processes of their own: another text, another default; then another law."""
+    package = tmp_path / "cls_bench"
+    shutil.copytree(PACKAGE, package, ignore=shutil.ignore_patterns("__pycache__", "_data"))
+    for name in ("models", "scenarios"):
+        shutil.copytree(PACKAGE.parent / name, tmp_path / name)
+    code = (
+        "import cls_bench; from cls_bench.bench import Bench; from cls_bench.parameters import Parameters\n"
+        f"assert cls_bench.__file__.startswith({str(tmp_path)!r})\nBench(Parameters()).compile()"
+    )
+    kept = tmp_path / "cache"
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path), "NUMBA_CACHE_DIR": str(kept)}
+
+    def entries() -> set[Path]:
+        subprocess.run([sys.executable, "-c", code], check=True, env=environment, cwd=tmp_path)
+        return {path for path in kept.rglob("tick.advance-*.bin")}
+
+    def edit(file: str, old: str, new: str) -> None:
+        text = (package / file).read_text(encoding="utf-8")
+        assert old in text
+        (package / file).write_text(text.replace(old, new, 1), encoding="utf-8")
+
+    first = entries()
+    assert len(first) == 1
+    edit("parameters/plant.py", "rotor inertia", "inertia of the rotor")
+    edit("parameters/plant.py", "4.0e-5", "4.1e-5")
+    edit("control/servo.py", "Velocity from the encoder", "Speed from the encoder")
+    assert entries() == first
+    edit("control/servo.py", "state.voltage = 0.0", "state.voltage = 1.0")
+    assert len(entries()) == 2
 
 
 # --- the cache on disk ------------------------------------------------------------------------------------------------

@@ -42,7 +42,7 @@ STILL = "from cls_bench import Command\nclass Loop:\n    def step(self, inputs):
 
 def made(folder: Path, text: str, name: str = "Loop", file: str = "loop.py", **arguments: object) -> object:
     (folder / file).write_text(text)
-    return Controller(Place(f"{folder / file}:{name}", arguments)).make(Parameters())
+    return Controller(Place(f"{folder / file}:{name}", arguments)).make(Parameters().for_control)
 
 
 # --- found and made ---------------------------------------------------------------------------------------------------
@@ -106,7 +106,7 @@ def test_an_edit_of_the_same_size_and_time_is_noticed(tmp_path):
     stamp = (tmp_path / "loop.py").stat()
     (tmp_path / "loop.py").write_text(STILL + "    k = 2\n")
     os.utime(tmp_path / "loop.py", ns=(stamp.st_atime_ns, stamp.st_mtime_ns))
-    assert Controller(Place(f"{tmp_path}/loop.py:Loop")).make(Parameters()).k == 2
+    assert Controller(Place(f"{tmp_path}/loop.py:Loop")).make(Parameters().for_control).k == 2
 
 
 LATE = """

@@ -128,7 +128,7 @@ def test_built_in_loop_as_an_object_runs_the_same_samples(values):
     pull = Script(Hand(0.0), 0.3, [Part(0.0, constant(0.0)), Part(0.02, ramp(0.0, math.radians(6.0), 0.25))])
     one, other = (
         np.concatenate([b.signals["/column"] for b in run(Bench(p, seed=3, controller=c), pull)])
-        for c in (None, BuiltIn(p))
+        for c in (None, BuiltIn(p.for_control))
     )
     assert np.array_equal(one, other)
     assert abs(one[-1, 0]) > 0.05

@@ -1,30 +1,22 @@
 """Compiled and plain Python run the same law: identical samples."""
 
+import hashlib
 import json
 import os
 import subprocess
 import sys
+from collections.abc import Callable, Iterable
 
 import numpy as np
+import pytest
 
-SCRIPT = """
-import hashlib, json, sys
-import numpy as np
 from cls_bench.bench import Bench
-from cls_bench.compiled import JIT
+from cls_bench.compiled import JIT  # noqa: F401  (told to whoever runs this in another process)
+from cls_bench.drivers import scripted
+from cls_bench.rigs import find_rig
 from cls_bench.scenario import parse_scenario
-from cls_bench.signals import TOPIC
-
-scenario = parse_scenario(sys.argv[1])
-blocks = list(Bench(scenario.parameters_at_start(), seed=scenario.seed).run(scenario))
-rows = {path: np.concatenate([block.signals[path] for block in blocks]) for path in TOPIC}
-print(json.dumps({
-    "jit": bool(JIT),
-    "column": rows["/column"][::100].tolist(),
-    "hashes": {path: hashlib.sha256(data.tobytes()).hexdigest() for path, data in rows.items()},
-    "poses": hashlib.sha256(np.concatenate([block.poses for block in blocks]).tobytes()).hexdigest(),
-}))
-"""
+from cls_bench.signals import Block
+from tests.running import advanced, parameters
 
 SCENARIO = """
 title = "all elements at work"
@@ -64,20 +56,90 @@ mode = "velocity"
 """
 
 
-def run(jit: bool) -> dict:
-    environment = {**os.environ, "NUMBA_DISABLE_JIT": "0" if jit else "1"}
-    done = subprocess.run(
-        [sys.executable, "-c", SCRIPT, SCENARIO], env=environment, capture_output=True, text=True, check=True
-    )
-    return json.loads(done.stdout)
+SHORT = """
+title = "a moment on another rig"
+duration = 0.06
+seed = 2
+[[hand]]
+at = 0.0
+kind = "sine"
+amplitude_deg = 12.0
+frequency = 10.0
+[[squeeze]]
+at = 0.02
+value = 0.7
+[[changes]]
+at = 0.04
+mode = "torque"
+"""
 
 
-def test_jit_on_and_off_give_identical_samples():
-    compiled, plain = run(True), run(False)
-    assert (compiled["jit"], plain["jit"]) == (True, False)
-    column = np.array(compiled["column"])
-    assert np.ptp(column[:, 0]) > 0.1  # something happened
-    np.testing.assert_array_equal(np.array(plain["column"]), column)
-    assert plain["hashes"] == compiled["hashes"]
-    assert plain["poses"] == compiled["poses"]
+def of_scenario(text: str) -> tuple[Bench, Iterable[Block]]:
+    scenario = parse_scenario(text)
+    bench = Bench(scenario.parameters_at_start(), seed=scenario.seed)
+    return bench, scripted.run(bench, scenario)
 
+
+def two_axes() -> tuple[Bench, Iterable[Block]]:
+    """With faults of sensors and bus on one of them, so that their streams are drawn."""
+    faulty = {"load_cell.spike_rate": 2000.0, "load_cell.spike": 20.0, "load_cell.creep": 0.01, "plc.frame_loss": 0.2}
+    axes = {"pitch": parameters(faulty, find_rig("one_stage").parameters), "roll": find_rig("direct_drive").parameters}
+    bench = Bench(axes, seed=4)
+    return bench, advanced(bench, 0.04, frequency=12.0)
+
+
+CASES: dict[str, Callable[[], tuple[Bench, Iterable[Block]]]] = {
+    "all elements": lambda: of_scenario(SCENARIO),
+    "one stage": lambda: of_scenario(f'rig = "one_stage"\n{SHORT}'),
+    "direct drive": lambda: of_scenario(f'rig = "direct_drive"\n{SHORT}'),
+    "16 kHz drive, 1 kHz PLC": lambda: of_scenario(
+        f"{SHORT}\n[parameters.rates]\ncurrent_cycle = 62.5e-6\nvelocity_cycle = 125e-6\nposition_cycle = 500e-6\n"
+        "bus_cycle = 500e-6\nplc_cycle = 1e-3"
+    ),
+    "two axes": two_axes,
+}
+
+
+def digests() -> dict[str, dict[str, str]]:
+    """Hashes of all that each case records, and whether the column moved in it."""
+    found = {}
+    for name, case in CASES.items():
+        bench, running = case()
+        blocks = list(running)
+        rows = {t.path: np.concatenate([block.signals[t.path] for block in blocks]) for t in bench.topics}
+        rows["poses"] = np.concatenate([block.poses for block in blocks])
+        found[name] = {path: hashlib.sha256(data.tobytes()).hexdigest() for path, data in rows.items()}
+        for path, data in rows.items():
+            if path.endswith("/column"):
+                assert np.ptp(data[:, 0]) > 0.01, "nothing happened"
+    return found
+
+
+def in_process(jit: bool) -> dict[str, dict[str, str]]:
+    code = "import json; from tests import test_jit; print(json.dumps([bool(test_jit.JIT), test_jit.digests()]))"
+    environment = {
+        **os.environ, "NUMBA_DISABLE_JIT": "0" if jit else "1", "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)
+    }  # fmt: skip
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    on, found = json.loads(done.stdout)
+    assert on is jit
+    return found
+
+
+@pytest.fixture(scope="module")
+def both() -> tuple[dict[str, dict[str, str]], dict[str, dict[str, str]]]:
+    return in_process(True), in_process(False)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_jit_on_and_off_give_identical_samples(both, case):
+    compiled, plain = both
+    assert len(compiled[case]) >= 7
+    assert plain[case] == compiled[case]
+
+
+def test_the_cases_differ(both):
+    """Each topic of each case has samples of its own: no hash is that of nothing."""
+    columns = [digest for case in both[0].values() for path, digest in case.items() if path.endswith("/column")]
+    assert len(set(columns)) == len(columns) == len(CASES) + 1

@@ -11,12 +11,14 @@ from click.testing import CliRunner
 
 from cls_bench import bench as bench_module
 from cls_bench import experiment
+from cls_bench.axis import AXIS, NUMBERS
 from cls_bench.bench import Bench, Command, DivergedError
 from cls_bench.cli import main
-from cls_bench.axis import AXIS, NUMBERS
 from cls_bench.control import limits, plc, validity
 from cls_bench.drivers import scripted
 from cls_bench.parameters import CONTROL, Parameters, leaves
+from cls_bench.plant import mechanism
+from cls_bench.plant.state import BODY
 from cls_bench.recording import Recording
 from cls_bench.scenario import ExpectedTrip, parse_scenario
 from cls_bench.signals import TOPIC
@@ -209,9 +211,12 @@ def spoil(bench: Bench, name: str, value: float, *, axis: int = 0) -> None:
         inner = record.samples
     else:
         inner = record.controller.parameters if name in PARAMETERS else record.controller.state
-    for place in places[:-1]:
+    for place in places[:-1] if places[0] not in plc.SLOTS else ():
         inner = inner[place]
-    inner[places[-1]] = value
+    if places[0] in plc.SLOTS:
+        inner[places[0]][:, plc.SLOTS[places[0]].index(places[-1])] = value
+    else:
+        inner[places[-1]] = value
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])
@@ -246,7 +251,7 @@ def test_every_parameter_is_watched():
 
 
 def test_all_that_the_controller_remembers_is_watched():
-    """Every word of its state and samples that is a number, and no word besides: the record is full of ones but there."""
+    """Every word of its state and samples that is a number, and no word besides: the record is full of ones there."""
     memory = np.ones(1, AXIS).view(np.recarray)
     words = memory.view(np.float64, np.ndarray)
     words[:] = np.nan
@@ -273,6 +278,17 @@ def test_an_invalid_number_in_the_controllers_memory_trips(name):
     assert [(t.tick, t.reason) for t in bench.trips] == [(start, "invalid_value")]
     assert block.events[-1].message == f"safe torque off: {name} is not a finite number"
     assert all(np.isfinite(rows).all() for rows in block.signals.values())
+
+
+def test_a_frame_on_the_bus_is_named_by_its_field():
+    """A user is told which of its values was none, not that something on the bus was."""
+    assert {"commands.torque", "commands.position", "feedback.velocity", "voltages.voltage"} <= set(STATES)
+    assert not {"commands", "feedback", "voltages"} & set(STATES)
+    bench = Bench(Parameters())
+    run = blocks(bench)
+    next(run)
+    bench.axes[0].record.controller.state.commands[3, plc.COMMAND_ACCELERATION] = math.nan
+    assert next(run).events[-1].message == "safe torque off: commands.acceleration is not a finite number"
 
 
 def test_what_becomes_invalid_within_a_cycle_trips_in_it():
@@ -307,16 +323,28 @@ def test_any_warning_of_mujoco_makes_the_run_diverged(what):
     assert "MuJoCo warned" in raised.value.cause or "velocity of joint" in raised.value.cause
 
 
-def test_a_current_that_is_none_is_not_passed_over():
-    """The drive measures it, trips, and its power stage lets no current flow."""
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+@pytest.mark.parametrize("name", mechanism.REMEMBERED)
+def test_what_the_plant_alone_has_lost_is_not_passed_over(name, value):
+    """The drive would trip on the sample, clear it, and leave no trace; but the plant lost its number: diverged."""
     bench = Bench(Parameters())
-    run = blocks(bench)
+    run = blocks(bench, f'{HELD}\nexpected_trips = [{{reason = "any", window = [0.0, 1.0]}}]')
     start = next(run).end_tick
-    bench.axes[0].record.truth.body.current = math.nan
-    block = next(run)
-    assert [(t.tick, t.reason) for t in bench.trips] == [(start, "invalid_value")]
-    assert block.events[-1].message == "safe torque off: servo.thermal_load is not a finite number"
-    assert not block["/drive.current"].any()
+    bench.axes[0].record.truth.body[name] = value
+    with pytest.raises(DivergedError, match=f"{name} in the plant is not finite"):
+        next(run), next(run)
+    assert bench.trips == []
+    assert bench.next_tick == start
+
+
+def test_all_that_the_plant_remembers_is_looked_at():
+    """Of what is not MuJoCo's, each number is looked at, moves a joint, or is made anew in every step."""
+    through_a_force = {"bristle", "bearing_bristle", "grip_stiffness", "grip_damping", "grip_rest"}
+    anew = {
+        "voltage", "connected", "motor_torque", "rod_force", "along_crank", "along_column", "across_column",
+        "far_along", "far_across", "grip_torque", "twist", "mesh_torque", "mesh_friction", "strain_force",
+    }  # fmt: skip
+    assert {*mechanism.REMEMBERED, *through_a_force, *anew} == set(BODY.names or ())
 
 
 def test_a_warning_alone_is_enough(monkeypatch):

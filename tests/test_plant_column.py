@@ -105,7 +105,8 @@ def test_unbalance_is_what_gravity_does(name):
         rig.reset()
         rig.place(column=angle, crank=crank)
         record = rig.run(np.zeros(1))
-        pushed = record.final["column"][1] / rig.step * float(rig.plant.inertia[rig.joints.index("column")])
+        far_on_column = float(rig.plant.armature[rig.joints.index("column")])
+        pushed = record.final["column"][1] / rig.step * float(rig.model.joint("column").M0[0] + far_on_column)
         rod = -float(record.signal["rod_force"][0]) * float(rig.truth.body.along_column)
         weights = pushed - rod
         arm = angle + bar.arm_angle

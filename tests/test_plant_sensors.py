@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cls_bench.bench import Bench
 from cls_bench.parameters import DEG, GRAVITY, Parameters
 from cls_bench.plant import mechanism, sensors
 from cls_bench.verification.subject import Specimen
-from tests.running import Run, parameters, run
+from tests.running import Run, off, parameters, run
 
 P = Parameters()
 TICK = 5e-5
@@ -306,6 +307,7 @@ SOURCES = {
     "load_cell": ("load_cell.noise=5.0", "/load_cell.counts"),
     "potentiometer": ("potentiometer.noise=1e-2", None),  # nobody uses it, and it is not recorded
     "spike": ("load_cell.spike_rate=2000.0", "/load_cell.counts"),
+    "frames": ("plc.frame_loss=0.5", "/load_cell.torque"),
 }
 
 
@@ -317,13 +319,31 @@ def test_more_noise_of_one_source_leaves_the_others_to_the_last_bit(source):
     less = run(RESTING + SWAY, set=["load_cell.spike=10.0"])
     follow = {"/drive.position": {"/drive.velocity", "/drive.set_position", "/drive.set_velocity", "/load_cell.torque",
                                   "/feel.angle", "/feel.velocity", "/feel.torque"},
-              "/load_cell.counts": {"/load_cell.torque", "/feel.torque"}}  # fmt: skip
+              "/load_cell.counts": {"/load_cell.torque", "/feel.torque"},
+              "/load_cell.torque": {"/feel.angle", "/feel.velocity", "/feel.torque"}}  # fmt: skip
     differ = {name for name in more.signals if not np.array_equal(more[name], less[name])}
     if noisy is None:
         assert differ == set()
     else:
         assert noisy in differ
         assert differ <= {noisy} | follow[noisy]
+
+
+def correlation(one: Any, other: Any) -> float:
+    """Between two noises, once what is slow is taken away."""
+    return float(np.corrcoef(np.diff(one), np.diff(other))[0, 1])
+
+
+def test_no_source_is_another_ones_noise_again():
+    """Two sensors of an axis, and the same sensor of two axes, have nothing to do with each other."""
+    ran = run(RESTING, duration=1.0, set=["encoder.noise=1e-3"])
+    assert abs(correlation(ran["/drive.position"], ran["/load_cell.counts"][::4])) < 5 / math.sqrt(5000)
+    bench = Bench({"pitch": P, "roll": P}, seed=3)
+    bench.start(power=False)
+    block = bench.advance([off(4000), off(4000)])
+    pitch, roll = (block[f"/{axis}/load_cell.counts"] for axis in ("pitch", "roll"))
+    assert pitch.std() == pytest.approx(roll.std(), rel=0.1)
+    assert abs(correlation(pitch, roll)) < 5 / math.sqrt(4000)
 
 
 def test_load_cell_carries_what_the_hand_pushes():

@@ -7,7 +7,8 @@ import pytest
 
 from cls_bench.bench import Command
 from cls_bench.control import latch, plc
-from cls_bench.control.kinematic_chain import column_from_motor, motor_from_column, units_per_radian
+from cls_bench.control.kinematic_chain import column_from_motor, motor_from_column
+from cls_bench.control.state import CONTROLLER, configure
 from cls_bench.kinematics import (
     FourBar,
     column_from_crank,
@@ -15,20 +16,39 @@ from cls_bench.kinematics import (
     crank_from_column,
     crank_ratio,
     fit_polynomials,
+    joints,
     rod_angle,
 )
-from cls_bench.parameters import DEG, Parameters, Plc, record_of
-from cls_bench.plant.model import static_unbalance
+from cls_bench.parameters import CONTROL, DEG, Parameters, Plc
+from cls_bench.parameters.record import values_of
 from cls_bench.plant.sensors import SAMPLES
 from tests.running import run
 
 BAR = FourBar(0.100, 0.209, 0.175)
 POLY = fit_polynomials(BAR, 24.0 * DEG, 9)
 NEWTONS_PER_COUNT = 2 * 50.0 * 9.80665 / 2**24
+TRAVEL = 20.0 * DEG
+FITTED = 3.0 * (math.sin(TRAVEL) - TRAVEL * math.cos(TRAVEL)) / TRAVEL**3
+"""Slope of the line that fits the sine best over the travel."""
 
 
 def blank(dtype):
     return np.zeros(1, dtype=dtype).view(np.recarray)[0]
+
+
+def plc_of(p):
+    """Parameter record and what follows from it, as the bench makes them."""
+    record = blank(CONTROLLER)
+    for name in CONTROL:
+        record.parameters[name] = values_of(getattr(p, name))
+    configure(record.design, record.parameters, p)
+    return record.parameters, record.design
+
+
+def believing(**values):
+    """The thesis's rig with another nameplate."""
+    p = Parameters()
+    return p.model_copy(update={"nameplate": p.nameplate.model_copy(update=values)})
 
 
 class Stand:
@@ -46,7 +66,9 @@ class Stand:
 @pytest.mark.parametrize("remove", [True, False])
 def test_torque_from_counts_and_encoder(angle, remove):
     """T_meas = r F cos(φ − φ_co) − U φ, from the exact kinematics (thesis 3.6.2)."""
-    p = record_of(Parameters(plc=Plc(feedback_latency=0, remove_unbalance=remove)))
+    p, design = plc_of(believing(unbalance=1.5).model_copy(
+        update={"plc": Plc(feedback_latency=0, remove_unbalance=remove)}
+    ))  # fmt: skip
     crank = crank_from_column(BAR, angle)
     bus = np.zeros((latch.DEPTH, 2))
     # 25 is the gearbox's ratio, 3600 PLCopen units make a revolution of the motor (thesis table 3.5).
@@ -54,12 +76,46 @@ def test_torque_from_counts_and_encoder(angle, remove):
     latch.write(bus, 0, plc.FEEDBACK_VELOCITY, 43.0 / (2 * math.pi) * 3600.0)
     samples, state = blank(SAMPLES), blank(plc.STATE)
     samples.load_cell = 1_000_000.0
-    plc.measure(p, BAR, POLY, 1.5, NEWTONS_PER_COUNT, samples, bus, 0, state)
+    plc.measure(p, design, samples, bus, 0, state)
     assert state.force == pytest.approx(1_000_000 * NEWTONS_PER_COUNT)
     assert state.angle == pytest.approx(angle, abs=1e-5)
     assert state.velocity == pytest.approx(43.0 / 25.0 / crank_ratio(BAR, crank, angle), rel=1e-4)
     torque = 0.175 * state.force * math.cos(angle - rod_angle(BAR, crank, angle))
     assert state.torque == pytest.approx(torque - (1.5 * angle if remove else 0.0), abs=1e-4)
+
+
+@pytest.mark.parametrize("angle", [-0.3, 0.0, 0.3])
+def test_torque_of_a_linkage_that_stands_askew(angle):
+    """T_meas = r F cos(φ + α − φ_co): moment of a force along the rod at the arm's pin, by the cross product."""
+    bar = FourBar(0.12, 0.25, 0.16, 0.2, -0.1, -0.15)
+    p, design = plc_of(believing(
+        crank=bar.crank, rod=bar.rod, arm=bar.arm, crank_angle=bar.crank_angle, rod_angle=bar.rod_angle,
+        arm_angle=bar.arm_angle, gear_ratio=9.0, unbalance=0.0, load_cell_gain=1e-3,
+    ))  # fmt: skip
+    crank = crank_from_column(bar, angle)
+    x1, z1, x2, z2 = joints(bar, crank, angle)
+    bus = np.zeros((latch.DEPTH, 2))
+    latch.write(bus, 0, plc.FEEDBACK_POSITION, 9.0 * crank / (2 * math.pi) * 3600.0)
+    samples, state = blank(SAMPLES), blank(plc.STATE)
+    samples.load_cell = 20_000.0  # 20 N of tension, which pulls the arm's pin towards the crank's
+    plc.measure(p, design, samples, bus, 0, state)
+    pull = 20.0 * (x1 - x2) / bar.rod, 20.0 * (z1 - z2) / bar.rod
+    about_y = z2 * pull[0] - x2 * pull[1]  # of the linkage on the column; in equilibrium the hand's is its opposite
+    assert state.angle == pytest.approx(angle, abs=1e-4)
+    assert state.torque == pytest.approx(-about_y, rel=1e-4)
+
+
+@pytest.mark.parametrize("angle", [-0.3, 0.0, 0.3])
+def test_torque_of_a_rig_without_a_linkage(angle):
+    """The cell sits in the shaft: torque is its force times the arm at which it is given, at any angle."""
+    p, design = plc_of(believing(linkage="none", arm=0.3, gear_ratio=4.0, unbalance=2.0, load_cell_gain=0.01))
+    bus = np.zeros((latch.DEPTH, 2))
+    latch.write(bus, 0, plc.FEEDBACK_POSITION, 4.0 * angle / (2 * math.pi) * 3600.0)
+    samples, state = blank(SAMPLES), blank(plc.STATE)
+    samples.load_cell = 500.0
+    plc.measure(p, design, samples, bus, 0, state)
+    assert state.angle == pytest.approx(angle, abs=1e-9)
+    assert state.torque == pytest.approx(0.3 * 5.0 - 2.0 * angle, abs=1e-9)
 
 
 @pytest.mark.parametrize("angle", [-0.34, -0.2, 0.0, 0.1, 0.34])
@@ -75,11 +131,13 @@ def test_kinematic_chain_both_ways(angle):
 
 
 def test_plcopen_units():
-    assert units_per_radian(3600.0) * 2 * math.pi == pytest.approx(3600.0)
-    p, state, bus = record_of(Parameters()), blank(plc.STATE), np.zeros((latch.DEPTH, 4))
+    p, design = plc_of(Parameters())
+    assert design.units_per_radian * 2 * math.pi == pytest.approx(3600.0)
+    state, bus = blank(plc.STATE), np.zeros((latch.DEPTH, 4))
     state.set_angle, state.set_velocity, state.set_acceleration, state.set_torque = 0.1, 0.5, 3.0, 4.0
     state.torque = 9.0
-    plc.command(p, POLY, state, bus, 5)
+    plc.command(p, design, state)
+    plc.send(state, bus, 5)
     crank = crank_from_column(BAR, 0.1)
     ratio = 25.0 * crank_ratio(BAR, crank, 0.1)
     units = 3600.0 / (2 * math.pi)
@@ -90,17 +148,20 @@ def test_plcopen_units():
     assert frame[plc.COMMAND_ACCELERATION] == pytest.approx(acceleration * units, rel=1e-3)
     assert frame[plc.COMMAND_TORQUE] == pytest.approx(4.0 / (25.0 * 1.75), rel=1e-3)  # measured angle is 0
     p.drive.feed_forward_pilot = 1
-    plc.command(p, POLY, state, bus, 6)
+    plc.command(p, design, state)
+    plc.send(state, bus, 6)
     assert bus[6][plc.COMMAND_TORQUE] == pytest.approx((4.0 - 9.0) / (25.0 * 1.75), rel=1e-3)
+    assert (bus[5] == frame).all()
 
 
 @pytest.mark.parametrize("asked", [5.0, -5.0, 1e6])
 def test_the_set_angle_ends_at_the_stop_blocks(asked):
-    p, state, bus = record_of(Parameters()), blank(plc.STATE), np.zeros((latch.DEPTH, 4))
+    p, design = plc_of(Parameters())
+    state = blank(plc.STATE)
     state.set_angle = asked
-    plc.command(p, POLY, state, bus, 0)
+    plc.command(p, design, state)
     stop = 25.0 * crank_from_column(BAR, math.copysign(22.5 * DEG, asked)) * 3600.0 / (2 * math.pi)
-    assert bus[0][plc.COMMAND_POSITION] == pytest.approx(stop, abs=0.15)  # 1e-5 rad at the crank
+    assert state.command_position == pytest.approx(stop, abs=0.15)  # 1e-5 rad at the crank
 
 
 @pytest.mark.parametrize("angle_deg", [-18.0, -9.0, 0.0, 9.0, 18.0])
@@ -115,7 +176,8 @@ def test_without_a_pilot_the_torque_is_only_the_bearings_friction(angle_deg):
 
 def test_the_unbalance_is_measured_unless_removed():
     r = run(controller=Stand(15.0 * DEG), duration=1.6, set=["plc.remove_unbalance=false"])
-    expected = static_unbalance(Parameters()) * 15.0 * DEG
+    # Column 0.9 kg at 0.12 m and the rod's 0.3755 kg at 0.175 m, and the line that fits the sine best over ±20°.
+    expected = 9.80665 * (0.9 * 0.12 + 0.3755 * 0.175) * FITTED * 15.0 * DEG
     assert expected > 0.3
     assert r.between("/load_cell.torque", 1.3, 1.6).mean() == pytest.approx(expected, abs=0.07)
 

@@ -15,10 +15,11 @@ from tests.running import run
 BAR = FourBar(0.100, 0.209, 0.175)
 
 
-def parts(motor=None, **drive):
-    """Parameter record, gains, state."""
-    p = record_of(Parameters(drive=Drive(**drive), motor=motor or Motor()))
-    return p, tuning.design(p.drive, p.motor, VELOCITY_S), np.zeros(1, dtype=servo.STATE).view(np.recarray)[0]
+def parts(load_inertia=9.27e-5, **drive):
+    """Parameter record, gains, state; of the plant nothing is asked."""
+    plate = Parameters().nameplate.model_copy(update={"load_inertia": load_inertia})
+    p = record_of(Parameters(drive=Drive(**drive), nameplate=plate))
+    return p, tuning.design(p.drive, p.nameplate, VELOCITY_S), np.zeros(1, dtype=servo.STATE).view(np.recarray)[0]
 
 
 class Winding:
@@ -39,7 +40,7 @@ def current_step(torque, ticks, voltage_limit=351.0, **drive):
     winding, currents = Winding(Motor()), []
     s.torque_command = torque
     for _ in range(ticks):
-        servo.current_controller(p.drive, p.motor, gains, s, winding.current, voltage_limit, TICK_S)
+        servo.current_controller(p.drive, p.nameplate, gains, s, winding.current, voltage_limit, TICK_S)
         winding.step(s.voltage)
         currents.append(winding.current)
     return np.array(currents), s
@@ -71,7 +72,7 @@ def test_current_controller_does_not_wind_up_at_the_voltage_limit():
     winding = Winding(Motor())
     s.torque_command = 5.0
     for k in range(4000):
-        servo.current_controller(p.drive, p.motor, gains, s, winding.current, 30.0, TICK_S)
+        servo.current_controller(p.drive, p.nameplate, gains, s, winding.current, 30.0, TICK_S)
         assert abs(s.voltage) <= 30.0
         winding.step(s.voltage)
         if k == 1999:

@@ -94,11 +94,13 @@ def test_a_lost_joint_is_found(value):
         assert tick.first_unbounded(bench.plant) == joint
 
 
-# --- the one order -----------------------------------------------------------------------------------------------------
+# --- the one order ----------------------------------------------------------------------------------------------------
 
 WORK = {
     "PLC: self-check of its numbers": ("tick._check_numbers",),
-    "sample: encoder, current, load cell, potentiometer, limit switches": ("plant.mechanism.arrive", "plant.sensors.sample"),
+    "sample: encoder, current, load cell, potentiometer, limit switches": (
+        "plant.mechanism.arrive", "plant.sensors.sample",
+    ),
     "drive: speed filter": ("control.servo.speed_filter",),
     "field bus: position and velocity of the drive → PLC": ("control.latch.write feedback",),
     "PLC: torque measurement, outer loop, safety, kinematic chain": (

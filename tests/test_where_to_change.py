@@ -1,4 +1,6 @@
-"""How many files a further thing takes: a kind of gear stage, a sensor. Each is added to a copy of the package and run.
+"""How many files a further thing takes: a kind of gear stage, a sensor, a signal.
+
+Each is added to a copy of the package, and run.
 
 The page of all parameters (models/README.md) is made from them and not counted.
 """
@@ -46,6 +48,18 @@ CRANK_SENSOR: Edits = {
          "    second = p.crank_potentiometer\n"
          "    samples.crank = _quantised(plant.qpos[joints.crank] + second.noise * noise.crank[row, axis],\n"
          "                               2.0 * second.range / (1 << second.adc_bits))\n"),
+    ],
+}  # fmt: skip
+
+SIGNAL: Edits = {
+    "signals.py": [
+        ('("torque", "N·m", "air-gap torque of the motor"),',
+         '("torque", "N·m", "air-gap torque of the motor"),\n            ("heat", "K", "rise of the winding"),'),
+    ],
+    "tick.py": [
+        ("    drive.voltage, drive.torque = truth.body.voltage, truth.body.motor_torque\n",
+         "    drive.voltage, drive.torque = truth.body.voltage, truth.body.motor_torque\n"
+         "    drive.heat = truth.body.temperature\n"),
     ],
 }  # fmt: skip
 
@@ -164,3 +178,27 @@ def test_a_sensor_takes_three_files_and_leaves_the_others_samples(tmp_path):
     assert np.ptp(new) > 1e-4
     assert (np.round(new / (1.6 / 2**16)) * 1.6 / 2**16 == pytest.approx(new, abs=1e-12))
     assert new[-1] == pytest.approx(after["crank"], abs=6e-3)
+
+
+RECORD = """
+import json
+from pathlib import Path
+from cls_bench import Recording, run
+
+hand = 'hand = [{at = 0.0, kind = "step", to_N = 60.0}]'
+Path("t.toml").write_text(f'title = "t"\\nduration = 0.01\\n{hand}')
+result = run("t.toml", out=Path("out"), rerun=False)
+drive = Recording(result.mcap).read("/drive")
+print(json.dumps({name: drive[name].tolist() for name in ("heat", "current")}))
+"""
+
+
+def test_a_signal_takes_its_declaration_and_the_line_that_writes_it(tmp_path):
+    """Two files; what records, and what reads a recording, have it from then on."""
+    assert len(SIGNAL) == 2
+    found = run_there(copy_of_the_package(tmp_path, SIGNAL), RECORD)
+    heat, current = np.array(found["heat"]), np.array(found["current"])
+    assert len(heat) == len(current) == 50
+    # C dT/dt = R i², so early on: the sum of it over the rows of 200 µs.
+    assert heat[-1] == pytest.approx(6.0 * 1.444 / 60.0 * np.trapezoid(current**2, dx=2e-4), rel=0.1)
+    assert heat[-1] > 0.0

@@ -16,6 +16,13 @@ COMMAND_POSITION, COMMAND_VELOCITY, COMMAND_ACCELERATION, COMMAND_TORQUE = range
 FEEDBACK_POSITION, FEEDBACK_VELOCITY = range(2)
 """Slots of a feedback frame: PLCopen units, units/s."""
 
+SLOTS = {
+    "commands": ("position", "velocity", "acceleration", "torque"),
+    "feedback": ("position", "velocity"),
+    "voltages": ("voltage",),
+}
+"""Names of the slots of all latches."""
+
 TRIPS = ("none", "limit_switch", "following_error", "invalid_value")
 """Why the PLC switched the drive off, by name."""
 

@@ -33,9 +33,8 @@ STATE = np.dtype(
         ("plc", plc.STATE),
         ("feel", feel.STATE),
         ("servo", servo.STATE),
-        ("commands", np.float64, (latch.DEPTH, 4)),  # field bus, PLC → drive
-        ("feedback", np.float64, (latch.DEPTH, 2)),  # field bus, drive → PLC
-        ("voltages", np.float64, (latch.DEPTH, 1)),  # current controller → power stage
+        # commands: field bus, PLC → drive; feedback: drive → PLC; voltages: current controller → power stage
+        *((name, np.float64, (latch.DEPTH, len(slots))) for name, slots in plc.SLOTS.items()),
         ("power", np.int64),  # whether the drive is switched on
         ("external", np.int64),  # whether a user's outer loop gives the set values
         ("trip_tick", np.int64),  # when the PLC last switched the drive off
@@ -55,7 +54,7 @@ CONTROLLER = np.dtype(
 
 
 def configure(design_record: Any, control: Any, p: Parameters) -> None:
-    """Put what follows into the record ``design_record``; of ``p`` only what :data:`CONTROL` and the rates hold is used.
+    """Put what follows into the record ``design_record``; of ``p`` no more is used than :data:`CONTROL` and the rates.
 
     ``control`` is the record of the parameters. Raises ValueError if the linkage of the nameplate cannot be closed.
     """

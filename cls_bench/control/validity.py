@@ -3,7 +3,7 @@
 A value that is not finite spreads: comparisons with it are false, so a safety function that compares does not see it.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,22 +19,28 @@ class Places(NamedTuple):
     words: NDArray[np.int64]
 
 
-def _numbers(kind: np.dtype[Any], prefix: str = "") -> Iterator[tuple[str, int]]:
+def _numbers(
+    kind: np.dtype[Any], slots: Mapping[str, Sequence[str]], prefix: str = ""
+) -> Iterator[tuple[str, int]]:  # fmt: skip
     for name, (field, offset) in ((name, kind.fields[name][:2]) for name in kind.names or ()):  # type: ignore[index]
         word = offset // 8
         base, shape = field.subdtype or (field, ())
         for k in range(int(np.prod(shape, dtype=int))):
             if base.names:
-                for inner, place in _numbers(base, f"{prefix}{name}."):
+                for inner, place in _numbers(base, slots, f"{prefix}{name}."):
                     yield inner, word + k * base.itemsize // 8 + place
             elif base == np.float64:
-                yield prefix + name, word + k
+                columns = slots.get(name)
+                yield prefix + name + (f".{columns[k % len(columns)]}" if columns else ""), word + k
 
 
-def places(kind: np.dtype[Any], below: Sequence[str]) -> Places:
-    """The numbers of a record of ``kind`` whose dotted names begin with one of ``below``; the names without it."""
+def places(kind: np.dtype[Any], below: Sequence[str], slots: Mapping[str, Sequence[str]]) -> Places:
+    """The numbers of a record of ``kind`` whose dotted names begin with one of ``below``; the names without it.
+
+    ``slots`` are the names of the columns of those fields that are tables.
+    """
     names, words = [], []
-    for name, word in _numbers(kind):
+    for name, word in _numbers(kind, slots):
         for prefix in below:
             if name.startswith(prefix):
                 names.append(name.removeprefix(prefix))

@@ -7,7 +7,7 @@ from typing import Any
 
 from pydantic import BaseModel
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
-from pydantic_core import ErrorDetails, core_schema
+from pydantic_core import core_schema
 
 from cls_bench.text import escaped
 
@@ -71,7 +71,7 @@ def wanted_in(schema: Mapping[str, Any]) -> str:
     return f"{text} ({meaning})" if meaning else text
 
 
-def problem_of(error: ErrorDetails, model: type[BaseModel], kinds: Sequence[str] = ()) -> str:
+def problem_of(error: Mapping[str, Any], model: type[BaseModel], kinds: Sequence[str] = ()) -> str:
     """What is wrong, and what ``model`` would take, in the words of this project; ``kinds`` are those of a union."""
     field = error["loc"][-1] if error["loc"] else ""
     properties = model.model_json_schema(schema_generator=TomlSchema)["properties"]

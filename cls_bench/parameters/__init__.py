@@ -25,7 +25,7 @@ from cls_bench.parameters.plant import (
     Potentiometer,
     mesh_efficiency,
 )
-from cls_bench.parameters.quantity import ARCMIN, DEG, GRAVITY, RPM, Section, leaves, quantity
+from cls_bench.parameters.quantity import ARCMIN, DEG, GRAVITY, RPM, Section, leaves
 from cls_bench.parameters.rates import Rates, Simulation
 from cls_bench.parameters.record import kind_of, memory_of, record_of
 
@@ -47,6 +47,16 @@ _THESIS_INERTIA = 9.27e-5
 
 FLATTEST, STEEPEST = 0.05, 20.0
 """Least and greatest linkage ratio that a bench can be built with."""
+
+
+class ControlParameters(Section):
+    """What a controller may know: nameplate, drive, PLC, feel model and cycles; nothing of the plant's true values."""
+
+    nameplate: Nameplate
+    drive: Drive
+    plc: Plc
+    feel: Feel
+    rates: Rates
 
 
 class Parameters(Section):
@@ -73,6 +83,11 @@ class Parameters(Section):
         """The same with the nameplate that these data sheets give: what a rig is delivered with."""
         plate = nameplate_of(self.motor, self.gearbox, self.linkage, self.load_cell, self.column)
         return self.model_copy(update={"nameplate": plate})
+
+    @property
+    def for_control(self) -> ControlParameters:
+        """What a controller may know of these."""
+        return ControlParameters.model_construct(**{name: getattr(self, name) for name in (*CONTROL, "rates")})
 
     @model_validator(mode="after")
     def _linkage(self) -> "Parameters":

@@ -6,8 +6,7 @@ from typing import Literal
 from pydantic import model_validator
 
 from cls_bench.kinematics import FourBar
-from cls_bench.parameters.quantity import DEG, RPM, Section, quantity
-
+from cls_bench.parameters.quantity import RPM, Section, quantity
 
 WIDEST = 3.0
 """No angle of a control is beyond this [rad]."""
@@ -67,9 +66,6 @@ class Nameplate(Section):
         ..., "N", "force of one converter count",
         _FOLLOWS.format("load_cell.capacity, to both sides, over 2^adc_bits"), ge=1e-12, le=1e3,
     )  # fmt: skip
-    travel: float = quantity(
-        ..., "rad", "travel to either side", _FOLLOWS.format("column.travel"), ge=0.01, lt=WIDEST
-    )
     stop_angle: float = quantity(
         ..., "rad", "where set angles end (software limit)", _FOLLOWS.format("column.stop_angle"),
         ge=0.01, lt=WIDEST,
@@ -143,7 +139,8 @@ class Drive(Section):
         "thesis 3.6.1: a further option; with it the outer loop is stable down to I_fcs 0.11", live=True,
     )
     feed_forward_inertia: bool = quantity(
-        False, "1", "feed nameplate.load_inertia × set acceleration forward to the current controller", "thesis 3.6.1", live=True
+        False, "1", "feed nameplate.load_inertia × set acceleration forward to the current controller", "thesis 3.6.1",
+        live=True,
     )
     feed_forward_pilot: bool = quantity(
         False, "1", "feed the measured pilot torque forward to the current controller", "thesis 3.6.1", live=True

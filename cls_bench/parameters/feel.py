@@ -26,7 +26,9 @@ class Feel(Section):
         0.25, "N·m", "Coulomb friction μ_fcs, with stiction", "thesis figure 4.2",
         ge=0, le=1e3, live=True,
     )
-    neutral: float = quantity(0.0, "rad", "neutral position φ_0 (trim)", "thesis 3.5.2", gt=-WIDEST, lt=WIDEST, live=True)
+    neutral: float = quantity(
+        0.0, "rad", "neutral position φ_0 (trim)", "thesis 3.5.2", gt=-WIDEST, lt=WIDEST, live=True
+    )
     aft_limit: TravelLimit = part(
         TravelLimit(angle=14.0 * DEG, stiffness=150.0, damping=2.0),
         "travel limit of the control surface, softened by the cables",

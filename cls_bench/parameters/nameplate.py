@@ -22,7 +22,6 @@ def nameplate_of(
         "load_inertia": inertia_at_motor(motor, gearbox, linkage, column),
         "unbalance": static_unbalance(column, linkage),
         "load_cell_gain": 2.0 * load_cell.capacity / (1 << load_cell.adc_bits),
-        "travel": column.travel,
         "stop_angle": column.stop_angle,
         "reach": max(column.switch_angle + 3.0 * DEG, column.stop_angle),
     }

@@ -1,4 +1,4 @@
-"""The one way in which a dotted key changes parameters: of rig files, scenarios, their changes, ``--set`` and sweeps."""
+"""The one way in which a dotted key changes parameters: of rigs, scenarios, their changes, ``--set`` and sweeps."""
 
 import re
 from collections.abc import Iterator, Mapping

@@ -6,7 +6,6 @@ from typing import Any
 from cls_bench.compiled import compiled
 from cls_bench.parameters import Parameters
 from cls_bench.plant import column, gearbox, limb, motor, rod, sensors
-from cls_bench.plant.model import column_inertia, crank_inertia
 
 
 def configure(mechanism: Any, p: Parameters) -> None:
@@ -16,7 +15,6 @@ def configure(mechanism: Any, p: Parameters) -> None:
     mechanism.tick, mechanism.step = tick, step
     gearbox.configure(mechanism, p)
     rod.configure(mechanism, p)
-    mechanism.crank_inertia, mechanism.column_inertia = crank_inertia(p), column_inertia(p)
     mechanism.bearing_damping = column.bearing_damping(p)
     mechanism.current_decay = math.exp(-step * p.motor.resistance / p.motor.inductance)
     mechanism.heat_decay = math.exp(-step / p.motor.thermal_time_constant)
@@ -52,6 +50,16 @@ def act(
     rod.act(plant, joints, mechanism, body)
     column.act(plant, p.column, joints.column, mechanism, body)
     limb.act(plant, p.limb, p.column.grip_height, joints, body, motion, angle, velocity, force)
+
+
+REMEMBERED = ("current", "temperature", "zero", "crept", "amplified")
+"""What the plant remembers besides MuJoCo's motion, and may lose without losing that where the drive trips of it."""
+
+
+@compiled
+def is_finite(body: Any) -> bool:
+    """Whether all of :data:`REMEMBERED` is."""
+    return bool(abs(body.current + body.temperature + body.amplified + body.zero + body.crept) < math.inf)
 
 
 ANGLES = ("column", "limb", "shaft0", "shaft1", "shaft2", "shaft3", "rod", "rod_end")

@@ -80,6 +80,8 @@ def build(axes: Mapping[str, Parameters]) -> mujoco.MjModel:
             body = spec.worldbody.add_body(name=prefixed(axis, name))
             body.add_joint(name=prefixed(axis, name), type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, 1, 0])
             body.explicitinertial = True
+            # Inertias that change from step to step, and weights that may come to lie off the axis, are no constants.
+            body.simple = name not in ("column", "crank")
             body.mass, body.ipos, body.inertia = _inertial(*weights[name])
     return spec.compile()
 

@@ -79,12 +79,8 @@ def act(plant: Any, joints: Any, mechanism: Any, body: Any) -> None:
     along = body.along_crank
     plant.force[crank] += body.rod_force * along
     plant.force[column] -= body.rod_force * body.along_column
-    far = mechanism.far_mass
-    if far == 0.0:
-        return
-    across = body.across_column
+    # Also where there is none: what another rig has left in the model must not stay.
+    far, across = mechanism.far_mass, body.across_column
     plant.force[crank] -= far * along * body.far_along
     plant.force[column] -= far * across * body.far_across
-    on_crank, on_column = far * along * along, far * across * across
-    plant.armature[crank], plant.inertia[crank] = on_crank, mechanism.crank_inertia + on_crank
-    plant.armature[column], plant.inertia[column] = on_column, mechanism.column_inertia + on_column
+    plant.armature[crank], plant.armature[column] = far * along * along, far * across * across

@@ -25,8 +25,7 @@ class Plant(NamedTuple):
     qpos: Array  # [rad]
     qvel: Array  # [rad/s]
     force: Array  # torques that are put on the joints [N·m]
-    armature: Array  # inertia [kg·m²] on top of the bodies' own
-    inertia: Array  # the same with the body's own, for joints whose inertia MuJoCo keeps as a constant
+    armature: Array  # inertia [kg·m²] on top of the bodies' own; MuJoCo looks at those of column and crank
 
 
 JOINTS = np.dtype(
@@ -67,7 +66,6 @@ MECHANISM = np.dtype(
         ("crank_angle", np.float64), ("rod_angle", np.float64), ("arm_angle", np.float64),  # at neutral [rad]
         ("axis_x", np.float64), ("axis_z", np.float64),  # crank axis from the column's [m]
         ("far_mass", np.float64),  # of the rod, at its column end before the strain gauge [kg]
-        ("crank_inertia", np.float64), ("column_inertia", np.float64),  # without the far mass [kg·m²]
         ("cell_stiffness", np.float64), ("cell_damping", np.float64),  # [N/m], [N·s/m]
         ("bearing_damping", np.float64),  # presliding [N·m·s/rad]
         ("current_decay", np.float64),  # of the winding's current over a step
@@ -122,6 +120,4 @@ TRUTH = np.dtype(
 
 def view(model: mujoco.MjModel, data: mujoco.MjData) -> Plant:
     """The :class:`Plant` of a compiled model."""
-    return Plant(
-        handle(model), handle(data), data.qpos, data.qvel, data.qfrc_applied, model.dof_armature, model.dof_M0
-    )  # fmt: skip
+    return Plant(handle(model), handle(data), data.qpos, data.qvel, data.qfrc_applied, model.dof_armature)

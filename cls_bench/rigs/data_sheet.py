@@ -10,6 +10,7 @@ from cls_bench.parameters.plant import StageKind
 
 Positive = Annotated[float, Field(gt=0, le=1e9)]
 Share = Annotated[float, Field(gt=0, le=1)]
+_Ratio = Annotated[float, Field(ge=0.1, le=1000)]
 
 
 class MotorSheet(Strict):
@@ -72,11 +73,11 @@ class GearboxSheet(Strict):
 
     kind: StageKind = "planetary"
     """what its stages are"""
-    ratio: Annotated[float, Field(ge=0.1, le=1000)]
+    ratio: _Ratio
     """turns of the input for one of the output [1]"""
     stages: Annotated[int, Field(ge=1, le=3)] = 1
     """number of its stages [1]"""
-    stage_ratios: Annotated[list[Annotated[float, Field(ge=0.1, le=1000)]], Field(min_length=1, max_length=3)] | None = None
+    stage_ratios: Annotated[list[_Ratio], Field(min_length=1, max_length=3)] | None = None
     """ratio of each, from the motor on [1]; the root of the whole if left out"""
     efficiency: Share
     """overall, driving [1]"""

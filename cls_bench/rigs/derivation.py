@@ -68,7 +68,8 @@ def derived(sheet: DataSheet, given: Mapping[str, Any]) -> list[Derived]:
     if sheet.drive is not None:
         found += _drive(sheet.drive)
     if sheet.gearbox is not None:
-        torque = _stall_torque(sheet.motor) or Parameters().drive.continuous_current * Parameters().motor.torque_constant
+        thesis = Parameters()
+        torque = _stall_torque(sheet.motor) or thesis.drive.continuous_current * thesis.motor.torque_constant
         found += _gearbox(sheet.gearbox, torque)
     if sheet.encoder is not None:
         found += _encoder(sheet.encoder)
@@ -168,7 +169,8 @@ def _cogging(s: _Sheet, m: MotorSheet) -> None:
     )
     if amplitude and m.poles is not None:
         if m.slots is not None:
-            s.say("motor.cogging_periods", math.lcm(m.poles, m.slots), f"least multiple of {m.poles} poles and {m.slots} slots")
+            how = f"least multiple of {m.poles} poles and {m.slots} slots"
+            s.say("motor.cogging_periods", math.lcm(m.poles, m.slots), how)
         else:
             s.say("motor.cogging_periods", 6 * m.poles, "assumed: six in a pole, as slots are not printed")
 
@@ -285,7 +287,8 @@ def _load_cell(cell: LoadCellSheet, amplifier: AmplifierSheet, arm: float) -> li
     if amplifier.effective_bits is not None or capacity != default.capacity:
         noise = 2.0 * capacity / 2.0**effective * math.sqrt(20e3 / rate)
         of = "" if amplifier.effective_bits else ", the thesis's amplifier"
-        s.say("load_cell.noise", noise, f"{effective:g} effective bits of the range at {rate:g} Hz, white up to 20 kHz{of}")
+        how = f"{effective:g} effective bits of the range at {rate:g} Hz, white up to 20 kHz{of}"
+        s.say("load_cell.noise", noise, how)
     return s.found
 
 
@@ -316,7 +319,7 @@ def _gearbox(units: Sequence[GearboxSheet], torque: float) -> list[Derived]:
     s = _Sheet("gearbox")
     count = sum(unit.stages for unit in units)
     if count > MOST_STAGES:
-        raise FaultError("data_sheet.gearbox", f"{count} stages are more than the {MOST_STAGES} that a gearbox can have")
+        raise FaultError("data_sheet.gearbox", f"{count} stages are more than the {MOST_STAGES} a gearbox can have")
     s.say("gearbox.stages", count, "those of all units" if count else "none: the motor drives the crank")
     number, ratio_before = 0, 1.0
     for k, unit in enumerate(units):
@@ -362,22 +365,25 @@ def _unit(s: _Sheet, key: str, unit: GearboxSheet, before: int, torque: float, *
         s.say(f"{name}.kind", unit.kind, "as printed")
         s.say(f"{name}.ratio", ratio, "as printed" if stages == 1 or unit.stage_ratios else "root of the whole")
         if unit.teeth is not None or not toothed:
-            s.say(f"{name}.teeth", unit.teeth or 0, "as printed" if unit.teeth is not None else "a belt's do not ripple")
+            how = "as printed" if unit.teeth is not None else "a belt's do not ripple"
+            s.say(f"{name}.teeth", unit.teeth or 0, how)
         share = _CARRIER * inertia * (0.1**k)
         own -= share
         passed *= ratio
-        s.say(f"{name}.inertia", share * passed**2, f"assumed: {100 * _CARRIER * 0.1**k:.3g} % of the inertia at its unit's input")
+        how = f"assumed: {100 * _CARRIER * 0.1**k:.3g} % of the inertia at its unit's input"
+        s.say(f"{name}.inertia", share * passed**2, how)
         s.say(f"{name}.stiffness", unit.stiffness_Nm_per_arcmin / ARCMIN / gives[k] / behind**2, f"as printed{split}")
         play = unit.backlash_arcmin * ARCMIN * plays[k] * behind
         s.say(f"{name}.backlash", play, f"as printed{split}")
         s.say(f"{name}.drag", drags[k], f"{how_idle}{split}")
-        s.say(f"{name}.efficiency", efficiency, f"{100 * unit.efficiency:g} % overall at {at:.3g} N·m, drag taken apart")
+        how = f"{100 * unit.efficiency:g} % overall at {at:.3g} N·m, drag taken apart"
+        s.say(f"{name}.efficiency", efficiency, how)
         s.say(f"{name}.backdrive_efficiency", back, how_back)
         if unit.transmission_error_arcmin is not None and k == stages - 1:
             s.say(f"{name}.transmission_error", unit.transmission_error_arcmin * ARCMIN, "as printed")
         else:
-            error = 0.1 * play if toothed else 0.0
-            s.say(f"{name}.transmission_error", error, "assumed: a tenth of the play" if toothed else "a belt has none")
+            swing = 0.1 * play if toothed else 0.0
+            s.say(f"{name}.transmission_error", swing, "assumed: a tenth of the play" if toothed else "a belt has none")
     if first:
         s.say("gearbox.input_inertia", own, "the rest of the inertia at the input")
     else:  # its input side turns with the output shaft of the unit before

@@ -32,8 +32,6 @@ class Figures(NamedTuple):
     velocity_bandwidth: float
     """of the drive's velocity controller [Hz]"""
 
-    UNITS = ("1", "N", "N", "N", "N", "m", "m", "Hz", "Hz", "Hz")
-
 
 def figures(p: Parameters) -> Figures:
     """The figures of a rig."""

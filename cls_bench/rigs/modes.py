@@ -32,7 +32,7 @@ def resonances(p: Parameters) -> Resonances:
 
 
 def _chain(p: Parameters) -> tuple[NDArray[np.float64], list[float]]:
-    """Inertias [kg·m²] from motor to control and the stiffnesses [N·m/rad] between them, seen from the control's axis."""
+    """Inertias [kg·m²] from motor to control and stiffnesses [N·m/rad] between them, seen from the control's axis."""
     link, stages = p.linkage, p.gearbox.in_use
     ratio = neutral_ratio(link)
     at_crank, far, end = link.masses

@@ -179,7 +179,7 @@ def _substeps(p: Parameters) -> list[Derived]:
 def _origin(key: str, stated: Mapping[str, Any], follows: list[Derived]) -> str:
     """Key of the file at which a fault of ``key`` came about."""
     if any(entry.key == key for entry in follows):
-        section = key.split(".")[0]
+        section = key.split(".", maxsplit=1)[0]
         return f"data_sheet.{section} (from which {key} follows)"
     return f"parameters.{key}".rstrip(".")
 

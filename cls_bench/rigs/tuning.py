@@ -2,9 +2,9 @@
 
 Two things bound the velocity loop: the time from a motion of the motor to the torque that answers it, and the frequency
 at which the control swings on gears and load cell while the motor is held, where it drops out of the load. The thesis's
-rig was tuned to 100 Hz by hand. Another one gets as much less as it is softer or slower, and never more: what a rig that
-is stiffer and faster could bear has to be measured. The position loop and the integral follow the velocity loop as they
-do there. Gains follow from the bandwidths (:mod:`cls_bench.control.tuning`).
+rig was tuned to 100 Hz by hand. Another one gets as much less as it is softer or slower, and never more: what a rig
+that is stiffer and faster could bear has to be measured. The position loop and the integral follow the velocity loop as
+they do there. Gains follow from the bandwidths (:mod:`cls_bench.control.tuning`).
 """
 
 import math
@@ -46,9 +46,11 @@ def bandwidths(p: Parameters) -> list[Derived]:
     if share == 1.0:
         how = "the thesis's: the rig is as stiff and as fast"
     elif softer <= slower:
-        how = f"{share:.3g} of the thesis's, as the control swings at {held:.3g} Hz with the motor held, not {thesis.held:.3g} Hz"
+        why = f"the control swings at {held:.3g} Hz with the motor held, not {thesis.held:.3g} Hz"
+        how = f"{share:.3g} of the thesis's, as {why}"
     else:
-        how = f"{share:.3g} of the thesis's, as the drive answers after {delay * 1e3:.3g} ms, not {thesis.delay * 1e3:.3g} ms"
+        why = f"the drive answers after {delay * 1e3:.3g} ms, not {thesis.delay * 1e3:.3g} ms"
+        how = f"{share:.3g} of the thesis's, as {why}"
     return [
         Derived("drive.velocity_bandwidth", default.velocity_bandwidth * share, how),
         Derived("drive.velocity_integral_time", default.velocity_integral_time / share, "two periods of that"),

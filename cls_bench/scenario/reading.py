@@ -47,8 +47,10 @@ def parameters_of(rig: "str | Path | Rig | None" = None, set: Sequence[str] = ()
     """Parameters of a rig, the thesis's unless given, with overrides ``KEY=VALUE``. Raises InputError."""
     table: dict[str, Any] = {}
     keys = frozenset(place_override(table, entry) for entry in set)
-    chosen: Rig | None = rig if isinstance(rig, Rig) else None
-    if chosen is None and (rig is not None or "rig" not in table):
+    chosen: Rig | None = None
+    if isinstance(rig, Rig):
+        chosen = rig
+    elif rig is not None or "rig" not in table:
         chosen = load_rig(rig or THESIS)
     setup = {"title": "setup", "duration": 1.0} | table
     return Scenario.model_validate(setup, context=Origin(overridden=keys, rig=chosen)).parameters_at_start()
@@ -75,7 +77,7 @@ def parse_scenario(
     table = parse_toml(source, file)
     found = load_rig(rig) if rig is not None and not isinstance(rig, Rig) else rig
     named = table.get("rig", THESIS)
-    given = dict[str, Any]() if seed is None else {"seed": seed}
+    given: dict[str, Any] = {} if seed is None else {"seed": seed}
     if found is not None:
         given["rig"] = found.file if found.is_file else found.name
     overridden = {place_override(table, entry) for entry in set} | {place(table, k, v) for k, v in given.items()}

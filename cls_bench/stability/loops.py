@@ -10,16 +10,16 @@ import numpy as np
 from cls_bench.bench import Command, Inputs, OuterLoop
 from cls_bench.control import feel, plc
 from cls_bench.linear.cycle import Compensation
-from cls_bench.parameters import Parameters, record_of
+from cls_bench.parameters import ControlParameters, record_of
 
-MakeLoop = Callable[[Parameters], OuterLoop]
-"""Makes a new outer loop for one run with these parameters."""
+MakeLoop = Callable[[ControlParameters], OuterLoop]
+"""Makes a new outer loop for one run, of what a controller may know of the bench."""
 
 
 class BuiltIn:
     """The PLC's own outer loop as an object that can be wrapped; runs the same law as the tick, sample by sample."""
 
-    def __init__(self, parameters: Parameters):
+    def __init__(self, parameters: ControlParameters):
         self._record = record_of(parameters)
         self._velocity = parameters.plc.outer_loop == "velocity"
         self._cycle = parameters.rates.clock.plc_s

@@ -14,7 +14,7 @@ from cls_bench.linear.cycle import Compensation
 from cls_bench.linear.hand import limb_mass_for
 from cls_bench.linear.prediction import critical, rule
 from cls_bench.linear.variation import Setup, Variation
-from cls_bench.parameters import Parameters
+from cls_bench.parameters import ControlParameters
 from cls_bench.stability import trial
 from cls_bench.stability.loops import BuiltIn, InertiaCompensated, MakeLoop
 from cls_bench.stability.trial import Standard, Verdict
@@ -115,7 +115,7 @@ def _find(
 def compensated(compensation: Compensation) -> MakeLoop:
     """The built-in loop with post-sensor inertia compensation."""
 
-    def make(parameters: Parameters) -> InertiaCompensated:
+    def make(parameters: ControlParameters) -> InertiaCompensated:
         return InertiaCompensated(BuiltIn(parameters), compensation, parameters.rates.plc_cycle)
 
     return make

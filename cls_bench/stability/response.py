@@ -224,7 +224,7 @@ def _probed(setup: Setup, loop: str, signal: _Signal, make_loop: MakeLoop | None
         # Torque that makes the feel model move by about the wanted angle: T = I φ̈ + d φ̇ + c φ.
         feel = p.feel
         torque = feel.inertia * np.gradient(rate, plc_s) + feel.damping * rate + feel.stiffness * signal.angle
-        probe = Probe((make_loop or BuiltIn)(p), torque=over_time(torque), opened=True)
+        probe = Probe((make_loop or BuiltIn)(p.for_control), torque=over_time(torque), opened=True)
         source = "torque"
     elif velocity_mode:
         probe = Probe(None, velocity=over_time(rate))
@@ -344,7 +344,7 @@ def _admittance(setup: Setup, e: Excitation, make_loop: MakeLoop | None) -> Meas
     hand = replace(setup.hand, arm=False)
     grid = _Grid.of(setup.parameters.rates.clock)
     script, windows, frequencies = (_force_sines if e.kind == STEPPED else _force_chirp)(e, hand, grid)
-    recorded, limited = _run(setup, script, make_loop(setup.parameters) if make_loop else None)
+    recorded, limited = _run(setup, script, make_loop(setup.parameters.for_control) if make_loop else None)
     velocity, torque = recorded["/column.velocity"], recorded["/column.torque"]
     if e.kind == STEPPED:
         stepped = _Signal(grid, np.zeros(0), tuple(windows), tuple(np.array([f]) for f in frequencies))

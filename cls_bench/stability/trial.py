@@ -159,7 +159,7 @@ def run(
     standard = standard or Standard()
     loop: OuterLoop | None = None
     if make_loop is not None:
-        loop = Probe(make_loop(setup.parameters), torque=_pulse(standard, setup.parameters.feel.inertia))
+        loop = Probe(make_loop(setup.parameters.for_control), torque=_pulse(standard, setup.parameters.feel.inertia))
     bench = Bench(setup.parameters, seed=standard.seed, controller=loop)
     watch = _Watch(standard, bench.clock)
     decided = None

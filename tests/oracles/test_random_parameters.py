@@ -5,6 +5,11 @@ import pytest
 from hypothesis import HealthCheck, given, reject, settings
 from hypothesis import strategies as st
 
+from cls_bench.analysis.energy import audit
+from cls_bench.bench import Bench
+from cls_bench.drivers import scripted
+from cls_bench.errors import InputError
+from cls_bench.scenario import DriveStart, Scenario, Sine
 from cls_bench.verification.random_trials import accepted_trial, random_parameters, random_values, trial
 
 
@@ -60,3 +65,26 @@ def test_what_a_scenario_accepts_can_be_run() -> None:
 @pytest.mark.slow
 def test_much_of_what_a_scenario_accepts_can_be_run() -> None:
     accepted(500, seed=2)
+
+
+def test_the_books_of_random_rigs_balance() -> None:
+    """Swept by hand without power, so that all that goes in and out is recorded at every tick."""
+    sweep = Scenario(
+        title="sweep", duration=0.5, drive=DriveStart(power="off"),
+        hand=[Sine(at=0.0, amplitude_deg=10.0, frequency=2.0, fade=0.1)],
+    )  # fmt: skip
+    rng = np.random.default_rng(4)
+    rigs = set()
+    balanced = 0
+    while balanced < 40:
+        try:
+            p = random_parameters(rng.random, bold=0.0)
+            bench = Bench(p)
+        except (ValueError, InputError):
+            continue
+        books = audit(scripted.run(bench, sweep.on(p)), p)
+        assert abs(books.relative_residual) < 1e-3, p
+        assert max(*books.returned.values(), -min(books.losses.values())) < 1e-3 * books.throughput, p
+        rigs.add((p.gearbox.stages, p.linkage.kind))
+        balanced += 1
+    assert len(rigs) == 8  # each number of stages with a four-bar and without
