@@ -260,14 +260,20 @@ def shipped_rigs_agree(subject: Subject) -> Iterator[Row]:
     yield from agree_on(subject, [f"rig {name}" for name in shipped_rigs() if name != THESIS])
 
 
-def twins_agree(subject: Subject) -> Iterator[Row]:
+def agree_in_mujoco(subject: Subject, names: Iterable[str]) -> Iterator[Row]:
     """The same exercise in MuJoCo's own elements: what a viewer shows is what is stepped."""
-    for name, p in rigs().items():
+    for name in names:
+        p = _bench(name)
         made, substeps = exercise(p), FINE if _is_locking(p) else p.simulation.substeps
         yield from _compared(
             TWIN, f"{name} as MJCF, step {_step(p, substeps):.2g} µs", p, _stepped(subject, p, made, substeps),
             _in_mujoco(p, made, substeps), "MuJoCo, from the MJCF",
         )  # fmt: skip
+
+
+def twins_agree(subject: Subject) -> Iterator[Row]:
+    """The rigs of :mod:`cls_bench.verification.rigs` as MJCF."""
+    yield from agree_in_mujoco(subject, rigs())
 
 
 def _worst(deviation: Array) -> float:
