@@ -83,8 +83,8 @@ backlash the oscillation has to grow as the linear model says, and its onset has
 rates are sharp: a load cell's filter of half the bandwidth, 32 µs slower, changes them by 0.5 1/s and moves the onset
 by 0.9 %. What a step of 50 µs changes, 0.04 1/s, is gone with finer steps.""",
     "several axes": """\
-Three axes in one bench, each with a hand of its own, against three benches of one axis: every recorded sample, bit for
-bit.""",
+Two or three axes in one bench, each with a hand of its own, against as many benches of one axis: every recorded sample,
+bit for bit.""",
     "energy": """\
 Whole runs of the bench, audited from the recorded signals (`cls_bench/analysis/energy.py`): work of motor and hand =
 change of kinetic, potential and elastic energy + losses by element. Limits: 0.2 % of the throughput; a loss gives
