@@ -107,13 +107,13 @@ class Bench:
 
     ``parameters`` are those of the only axis, or of each by name. ``seed`` seeds the sensors' noise; each sensor has a
     random stream of its own. ``controller`` replaces the feel model in the PLC by a user's own outer loop, or those of
-    some axes by name. Raises :class:`InputError` if the parameters make a model that cannot be stepped, and
-    MemoryError.
+    some axes by name. Without ``poses`` the bodies' are left out, which a sweep has no use for. Raises
+    :class:`InputError` if the parameters make a model that cannot be stepped, and MemoryError.
     """
 
     def __init__(
         self, parameters: Parameters | Mapping[str, Parameters], *, seed: int = 0,
-        controller: "OuterLoop | Mapping[str, OuterLoop] | None" = None,
+        controller: "OuterLoop | Mapping[str, OuterLoop] | None" = None, poses: bool = True,
     ):  # fmt: skip
         self._built = {"": parameters} if isinstance(parameters, Parameters) else dict(parameters)
         self._controllers: dict[str, OuterLoop] = dict(controller) if isinstance(controller, Mapping) else (
@@ -163,7 +163,8 @@ class Bench:
         """what is recorded"""
         words = memory.view(np.float64, np.ndarray).reshape(len(memory), -1)
         self._watched = tick.Watched(words, NUMBERS[0].words, NUMBERS[1].words)
-        self._bodies, self.body_names = _bodies(self._built)
+        self._posed = poses
+        self._bodies, self.body_names = _bodies(self._built if poses else {})
         self._warned = np.zeros(1, np.int64)
         self._outer_loop = _Asking(self._controllers, memory, tuple(self._built), self.clock.tick_s)
         self.reset(seed=seed)
@@ -181,7 +182,8 @@ class Bench:
                 check_step(p)
             self._built = built
             self.__dict__.pop("_drawn", None)
-            self._bodies, _ = _bodies(built)
+            if self._posed:
+                self._bodies, _ = _bodies(built)
         self.parameters_of = dict(self._built)
         """parameters of each axis as they are now, by name"""
         mujoco.mj_resetData(self.model, self.data)

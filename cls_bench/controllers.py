@@ -145,7 +145,7 @@ class Controller:
         """A fresh object for a run that begins with ``parameters``. InputError without step, else ControllerError."""
         arguments = dict(self.place.arguments)
         if "parameters" not in arguments and _takes_parameters(self._make):
-            arguments["parameters"] = parameters.model_copy(deep=True)
+            arguments["parameters"] = parameters
         with user_code(f"{self.place.name}({', '.join(arguments)})"):
             loop = self._make(**arguments)
         if not callable(getattr(type(loop), "step", None) or getattr(loop, "step", None)):

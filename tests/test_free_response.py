@@ -7,17 +7,14 @@ import pytest
 
 from cls_bench.analysis.free_response import expected_response, forward_inertia, part60
 from cls_bench.parameters import Parameters
+from cls_bench.parameters.override import override
 
 TIMES = np.arange(0.0, 4.0, 0.0004)
 
 
 def parameters(**feel: float) -> Parameters:
-    p = Parameters()
-    p.column.coulomb_friction = 0.0
-    p.column.viscous_friction = 0.0
-    for name, value in feel.items():
-        setattr(p.feel, name, value)
-    return p
+    bearing = {"coulomb_friction": 0.0, "viscous_friction": 0.0}
+    return override(Parameters(), {"column": bearing, "feel": feel})
 
 
 def test_linear_response_is_the_closed_form() -> None:

@@ -101,10 +101,10 @@ def test_impossible_values_are_refused(section, values, says):
     assert says in str(refused.value)
 
 
-def test_values_are_checked_on_assignment_too():
+def test_parameters_are_values_that_do_not_change():
     p = Parameters()
-    with pytest.raises(ValidationError):
-        p.motor.resistance = -1.0
+    with pytest.raises(ValidationError, match="frozen"):
+        p.motor.resistance = 5.0
     assert p.motor.resistance == 6.0
 
 

@@ -15,7 +15,7 @@ import pytest
 from cls_bench.bench import Bench, DivergedError
 from cls_bench.control.limits import LIMITS
 from cls_bench.drivers import scripted
-from cls_bench.parameters import GearStage, Parameters
+from cls_bench.parameters import Gearbox, GearStage, Parameters
 from cls_bench.scenario import parse_scenario
 from cls_bench.signals import CLOCK, MOST_STAGES, TOPIC, TOPICS, topics
 from cls_bench.trace import Buffers, Trace
@@ -253,8 +253,7 @@ def test_a_part_of_the_room_is_the_rows_of_its_ticks() -> None:
 @pytest.mark.parametrize("stages", range(MOST_STAGES + 1))
 def test_what_a_rig_has_not_is_not_handed_on(stages: int) -> None:
     """Nothing in the tables but signals of the stages there are, and all of those are written."""
-    p = Parameters()
-    p.gearbox.stages = stages
+    p = Parameters(gearbox=Gearbox(stages=stages))
     bench = Bench(p.with_nameplate())
     for block in advanced(bench, 0.01):
         assert list(block.signals) == [topic.path for topic in topics(CLOCK, stages)]

@@ -8,7 +8,7 @@ from typing import Any
 from cls_bench import tick
 from cls_bench.bench import Bench
 from cls_bench.compiled import JIT
-from cls_bench.parameters import Parameters, Rates
+from cls_bench.parameters import Parameters, Rates, Simulation
 from tests.running import advanced
 
 RATES = Rates(
@@ -21,8 +21,7 @@ _LATCHES = {4: "commands", 2: "feedback", 1: "voltages"}
 
 def traced(ticks: int, substeps: int) -> list[list[str]]:
     """What each tick called: functions as ``module.name``, of writing to a latch which, MuJoCo's step."""
-    p = Parameters(rates=RATES)
-    p.simulation.substeps = substeps
+    p = Parameters(rates=RATES, simulation=Simulation(substeps=substeps))
     bench = Bench(p)
     called: list[list[str]] = []
 

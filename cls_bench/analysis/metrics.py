@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -267,9 +268,9 @@ def breakout_torque(window: Window, threshold_deg: float, below_hz: float) -> fl
     if not len(moved):
         most = float(np.max(np.abs(angle - angle[0]))) / DEG
         raise Unmeasured(f"the column does not break out: it moves by {most:.3g} of {threshold_deg:g} deg")
-    from scipy.signal import butter, sosfiltfilt  # takes longer to import than a short run to simulate
+    from scipy.signal import sosfiltfilt  # takes longer to import than a short run to simulate
 
-    sos = butter(2, below_hz, fs=window.rate, output="sos")
+    sos = _filter(2, below_hz, "lowpass", window.rate)
     torque = sosfiltfilt(sos, window["/load_cell.torque"])[: int(moved[0]) + 1]
     return float(np.max(np.abs(torque)))
 
@@ -454,12 +455,19 @@ def tracking_phase_lag_ms(window: Window, frequency: float) -> float:
 # --- oscillation -----------------------------------------------------------------------------------------------------
 
 
+@lru_cache(maxsize=64)  # all points of a sweep ask for the same
+def _filter(order: int, frequency: float, kind: str, rate: float) -> Array:
+    from scipy.signal import butter
+
+    return np.asarray(butter(order, frequency, kind, fs=rate, output="sos"))
+
+
 def _above(x: Array, frequency: float, window: Window) -> Array:
     """High pass without phase; Unmeasured in a window of less than two periods."""
     _periods(window, frequency, 2.0)
-    from scipy.signal import butter, sosfiltfilt
+    from scipy.signal import sosfiltfilt
 
-    sos = butter(4, frequency, "highpass", fs=window.rate, output="sos")
+    sos = _filter(4, frequency, "highpass", window.rate)
     return np.asarray(sosfiltfilt(sos, x, padlen=min(len(x) - 1, int(2.0 * window.rate / frequency))))
 
 

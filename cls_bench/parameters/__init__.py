@@ -30,8 +30,8 @@ from cls_bench.parameters.rates import Rates, Simulation
 from cls_bench.parameters.record import kind_of, memory_of, record_of
 
 __all__ = [
-    "ARCMIN", "CONTROL", "DEG", "GRAVITY", "MOST_STAGES", "PLANT", "RPM", "Column", "Drive", "Encoder", "Feel",
-    "GearStage", "Gearbox", "Limb", "Linkage", "LoadCell", "Motor", "Nameplate", "Parameters", "Plc", "Potentiometer",
+    "ARCMIN", "CONTROL", "DEG", "GRAVITY", "MOST_STAGES", "PLANT", "RPM", "Column", "ControlParameters", "Drive", "Encoder",
+    "Feel", "GearStage", "Gearbox", "Limb", "Linkage", "LoadCell", "Motor", "Nameplate", "Parameters", "Plc", "Potentiometer",
     "Rates", "Section", "Simulation", "TravelLimit", "kind_of", "leaves", "memory_of", "mesh_efficiency",
     "nameplate_of", "record_of",
 ]  # fmt: skip

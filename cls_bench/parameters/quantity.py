@@ -42,9 +42,9 @@ def part(default: Any, meaning: str, **sources: str) -> Any:
 
 
 class Section(BaseModel):
-    """Base of all parameter sections: strict, no unknown keys, checked on assignment too."""
+    """Base of all parameter sections: values that do not change, strict, without unknown keys."""
 
-    model_config = ConfigDict(extra="forbid", strict=True, validate_assignment=True, use_attribute_docstrings=True)
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, use_attribute_docstrings=True)
 
 
 def leaves(

@@ -305,7 +305,7 @@ class Scenario(Strict):
 
     def parameters_at_start(self) -> Parameters:
         """All parameters of the bench when the run begins."""
-        return self._start.model_copy(deep=True)
+        return self._start
 
     def parameters_at(self, time: float) -> Parameters:
         """All parameters of the bench once every change up to and including ``time`` [s] was made."""

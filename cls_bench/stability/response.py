@@ -289,7 +289,7 @@ def _holding(hand: Hand, duration: float) -> Script:
 
 def _run(setup: Setup, script: Script, controller: Any) -> tuple[Mapping[str, Array], tuple[str, ...]]:
     """All signals by name, and what the log says of limits that were reached."""
-    bench = Bench(setup.parameters, controller=controller)
+    bench = Bench(setup.parameters, controller=controller, poses=False)
     parts: dict[str, list[Array]] = {}
     limited: list[str] = []
     for block in driving.run(bench, script):

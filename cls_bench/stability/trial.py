@@ -160,7 +160,7 @@ def run(
     loop: OuterLoop | None = None
     if make_loop is not None:
         loop = Probe(make_loop(setup.parameters.for_control), torque=_pulse(standard, setup.parameters.feel.inertia))
-    bench = Bench(setup.parameters, seed=standard.seed, controller=loop)
+    bench = Bench(setup.parameters, seed=standard.seed, controller=loop, poses=False)
     watch = _Watch(standard, bench.clock)
     decided = None
     try:

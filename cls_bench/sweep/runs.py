@@ -23,7 +23,7 @@ _used = threading.local()
 def _bench(parameters: Parameters, seed: int, loop: OuterLoop | None) -> Bench:
     """A bench at its start: the one that this thread has, if it is of the same shape, else a new one."""
     if loop is not None:
-        return Bench(parameters, seed=seed, controller=loop)
+        return Bench(parameters, seed=seed, controller=loop, poses=False)
     bench: Bench | None = getattr(_used, "bench", None)
     try:
         if bench is not None:
@@ -32,7 +32,7 @@ def _bench(parameters: Parameters, seed: int, loop: OuterLoop | None) -> Bench:
     except ValueError:  # other stages or rates
         pass
     _used.bench = None  # one at a time is kept
-    _used.bench = Bench(parameters, seed=seed)
+    _used.bench = Bench(parameters, seed=seed, poses=False)
     made: Bench = _used.bench
     return made
 
