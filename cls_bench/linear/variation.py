@@ -123,9 +123,7 @@ def _changed(section: _S, path: Sequence[str], value: Any) -> _S:
     inner = getattr(section, name)
     if isinstance(inner, Section) != bool(rest):
         raise AttributeError(".".join(path))
-    copy = section.model_copy()
-    setattr(copy, name, _changed(inner, rest, value) if rest else value)
-    return copy
+    return type(section)(**{**dict(section), name: _changed(inner, rest, value) if rest else value})
 
 
 def ideal(p: Parameters) -> Parameters:
