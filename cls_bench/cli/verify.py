@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 def verify(ctx: click.Context, as_json: bool, page: Path | None) -> None:
     """Hold the plant against results that were not made by it.
 
-    Closed forms, published references, an independent integration, energy and convergence: one row each. Takes about a
-    minute on two cores. Exit code 1 if a row falls short.
+    Closed forms, published references, independent integrations, energy and convergence, for every kind of rig: one row
+    each. Takes less than a minute on two cores. Exit code 1 if a row falls short.
     """
     from cls_bench import verification
     from cls_bench.claims import write_text

@@ -28,6 +28,7 @@ HANDS: Mapping[str, Scenario] = {
 """What the pilot does with each axis."""
 
 BENCHES: Mapping[str, Mapping[str, str]] = {
+    "two, column and wheel": {"pitch": "thesis", "roll": "aileron"},
     "three alike": {"pitch": "thesis", "roll": "thesis", "yaw": "thesis"},
     "two stages, one, and none": {"pitch": "thesis", "roll": "one_stage", "yaw": "direct_drive"},
     "wide-body's column, wheel and pedals": {"pitch": "elevator", "roll": "aileron", "yaw": "rudder"},
@@ -48,7 +49,7 @@ def _signals(parameters: Mapping[str, Parameters]) -> dict[str, Array]:
 
 
 def apart(subject: Subject) -> Iterator[Row]:
-    """Samples of three axes in one model that are not, bit for bit, those of each in a bench of its own."""
+    """Samples of two or three axes in one model that are not, bit for bit, those of each in a bench of its own."""
     for name, rigs in BENCHES.items():
         parameters = {axis: subject.alter(load_rig(rig).parameters) for axis, rig in rigs.items()}
         together = _signals(parameters)

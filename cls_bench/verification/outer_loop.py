@@ -66,6 +66,9 @@ def growing(subject: Subject) -> Iterator[Row]:
         yield Row(GROUP, f"{what}: growth rate", "1/s", expected.real, law, obtained.real, 0.02)
         yield Row(GROUP, f"{what}: frequency", "Hz", expected.imag / (2.0 * math.pi), law,
                   obtained.imag / (2.0 * math.pi), 0.005)  # fmt: skip
+        finest = _growth(subject.alter(changed(p, "simulation.substeps", SUBSTEPS[-1])))
+        yield Row(GROUP, f"{what}: growth rate with {SUBSTEPS[-1]} steps a tick", "1/s", expected.real, law,
+                  finest.real, 0.002)  # fmt: skip
     onset = critical(Setup(bare), variation("feel.inertia", 0.15, 0.30))
     low, high = (_growth(subject.alter(changed(bare, "feel.inertia", inertia))).real for inertia in ONSET)
     found = ONSET[0] + (ONSET[1] - ONSET[0]) * low / (low - high) if low > 0.0 > high else math.nan
@@ -75,7 +78,7 @@ def growing(subject: Subject) -> Iterator[Row]:
 
 def _growth(p: Parameters) -> complex:
     """Growth rate [1/s] + j · angular frequency of the bench's oscillation after a tap on the feel model."""
-    tap = 5.0 * p.feel.inertia  # N·m
+    tap = p.feel.inertia  # N·m
     scenario = Scenario(
         title="tap", duration=0.8, hand=[Hold(at=0.0, angle_deg=0.0)], squeeze=[Squeeze(at=0.0, value=1.0)],
         changes=[
