@@ -488,7 +488,7 @@ def test_ideal_takes_away_what_is_not_linear_on_every_stage():
 def test_changed_checks_the_bench_as_a_whole():
     with pytest.raises(InputError, match=r"gearbox\.stage4"):
         changed(Parameters(), "gearbox.stage4.drag", 0.1)
-    with pytest.raises(InputError, match='"gearbox" does not exist'):
+    with pytest.raises(InputError, match=r'gearbox: 0.1 is not valid; it is a section'):
         changed(Parameters(), "gearbox", 0.1)
     with pytest.raises(InputError, match="linkage"):
         changed(Parameters(), "linkage.rod_angle", 1.5)

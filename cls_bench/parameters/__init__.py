@@ -30,10 +30,10 @@ from cls_bench.parameters.rates import Rates, Simulation
 from cls_bench.parameters.record import kind_of, memory_of, record_of
 
 __all__ = [
-    "ARCMIN", "CONTROL", "DEG", "GRAVITY", "MOST_STAGES", "PLANT", "RPM", "Column", "ControlParameters", "Drive", "Encoder",
-    "Feel", "GearStage", "Gearbox", "Limb", "Linkage", "LoadCell", "Motor", "Nameplate", "Parameters", "Plc", "Potentiometer",
-    "Rates", "Section", "Simulation", "TravelLimit", "kind_of", "leaves", "memory_of", "mesh_efficiency",
-    "nameplate_of", "record_of",
+    "ARCMIN", "CONTROL", "DEG", "GRAVITY", "MOST_STAGES", "PLANT", "RPM", "Column", "ControlParameters", "Drive",
+    "Encoder", "Feel", "GearStage", "Gearbox", "Limb", "Linkage", "LoadCell", "Motor", "Nameplate", "Parameters",
+    "Plc", "Potentiometer", "Rates", "Section", "Simulation", "TravelLimit", "kind_of", "leaves", "memory_of",
+    "mesh_efficiency", "nameplate_of", "record_of",
 ]  # fmt: skip
 
 PLANT = ("motor", "gearbox", "linkage", "load_cell", "column", "limb", "encoder", "potentiometer")
