@@ -11,7 +11,15 @@ import click
 
 from cls_bench.cli.failures import say
 from cls_bench.cli.options import SEED, FiniteRange, GivenController, controller_options, rig_option
-from cls_bench.cli.output import print_json, print_notes, print_result, print_table, print_term, progress_bar
+from cls_bench.cli.output import (
+    print_json,
+    print_notes,
+    print_result,
+    print_table,
+    print_term,
+    progress_bar,
+    warn_of_drive,
+)
 from cls_bench.errors import BenchError, one_line
 
 if TYPE_CHECKING:
@@ -60,6 +68,7 @@ def run(
 
     loaded = load_scenario(scenario, seed=seed, set=(*overrides, *_record(signals, rate, poses)), rig=rig)
     print_notes(loaded)
+    warn_of_drive(loaded.parameters_at_start())
     place = controller.of(loaded)
     if view:
         from cls_bench.cli.view import require_display, view_recordings

@@ -14,6 +14,7 @@ from cls_bench.text import printable
 
 if TYPE_CHECKING:
     from cls_bench.experiment import Progress, Result
+    from cls_bench.parameters import Parameters
     from cls_bench.scenario import Scenario
 
 
@@ -66,6 +67,19 @@ def print_notes(scenario: "Scenario") -> None:
     """On standard error: what was understood of the scenario's sample files."""
     for note in scenario.notes:
         click.echo(note, err=True)
+
+
+def warn_of_drive(p: "Parameters", name: str = "") -> str:
+    """Say, on standard error, if the drive oscillates by itself by the linear model; returns what was said."""
+    from threadpoolctl import threadpool_limits
+
+    from cls_bench.linear.alone import drive_alone
+
+    with threadpool_limits(1):
+        wrong = drive_alone(p)
+    if wrong:
+        click.echo(f"warning: {name}{wrong}", err=True)
+    return wrong
 
 
 def print_result(result: "Result") -> None:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cls_bench.cli.output import number, print_json, print_table
+from cls_bench.cli.output import number, print_json, print_table, warn_of_drive
 
 if TYPE_CHECKING:
     from cls_bench.rigs import Rig
@@ -83,7 +83,11 @@ def _figures(rig: "Rig") -> dict[str, Any]:
         tight, _ = least_inertia(rig.parameters, [Hand(1.0)])
         least, hand = least_inertia(rig.parameters)
     found = figures(rig.parameters)._asdict()
-    return {**found, "tight_inertia": tight, "least_inertia": least, "least_inertia_at": str(hand)}
+    alone = warn_of_drive(rig.parameters, f"{rig.name}: ")
+    return {
+        **found, "tight_inertia": tight, "least_inertia": least, "least_inertia_at": str(hand),
+        "drive_alone": alone or None,
+    }  # fmt: skip
 
 
 def _cell(name: str, value: float) -> str:

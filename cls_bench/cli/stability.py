@@ -13,7 +13,7 @@ import click
 
 from cls_bench.cli.failures import say
 from cls_bench.cli.options import FINITE, SEED, FiniteRange, GivenController, controller_options, rig_option
-from cls_bench.cli.output import number, print_json, print_table, results_folder
+from cls_bench.cli.output import number, print_json, print_table, results_folder, warn_of_drive
 from cls_bench.cli.sweep import points_progress
 from cls_bench.errors import ExitCode, InputError, Interrupted, OutputError
 
@@ -259,6 +259,7 @@ def predict(given: GivenSetup, as_json: bool) -> None:
     from cls_bench.linear.variation import variation
 
     setup = given.of()
+    alone = warn_of_drive(setup.parameters)
 
     def unit(name: str) -> str:
         return variation(name, of=setup.parameters).unit
@@ -273,7 +274,10 @@ def predict(given: GivenSetup, as_json: bool) -> None:
     if as_json:
         found = {name: _finite(value) for name, value in dataclasses.asdict(p).items() if name != "rule"}
         rule = {**dataclasses.asdict(p.rule), "critical_ratio": p.rule.critical_ratio, "stable": p.rule.stable}
-        print_json({**found, "rule": {k: _finite(v) for k, v in rule.items()}, "critical": critical_at})
+        print_json({
+            **found, "rule": {k: _finite(v) for k, v in rule.items()}, "critical": critical_at,
+            "drive_alone": alone or None,
+        })  # fmt: skip
         return
     rows = [
         ("verdict", "stable" if p.stable else "UNSTABLE"),
@@ -312,6 +316,7 @@ def onset(
     from cls_bench.linear.variation import variation
 
     setup = given.of()
+    warn_of_drive(setup.parameters)
     quantity = variation(vary, low, high, of=setup.parameters)
     found = _find(
         controller, setup, quantity, _standard(given.ideal, rate_deg, pulse, seed), quiet=as_json,

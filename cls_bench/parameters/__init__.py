@@ -90,6 +90,18 @@ class Parameters(Section):
         return ControlParameters.model_construct(**{name: getattr(self, name) for name in (*CONTROL, "rates")})
 
     @model_validator(mode="after")
+    def _sampled(self) -> "Parameters":
+        """No controller is asked for more than half the rate at which it is worked out."""
+        for name in ("current", "velocity", "position"):
+            bandwidth, cycle = getattr(self.drive, f"{name}_bandwidth"), getattr(self.rates, f"{name}_cycle")
+            if bandwidth > 0.5 / cycle * (1.0 + 1e-9):
+                raise ValueError(
+                    f"drive.{name}_bandwidth = {bandwidth:g} Hz is more than half the rate of that controller; with "
+                    f"rates.{name}_cycle = {cycle:g} s it must be at most {0.5 / cycle:g} Hz"
+                )
+        return self
+
+    @model_validator(mode="after")
     def _linkage(self) -> "Parameters":
         """The linkage moves over the whole range, far from its dead points, and the PLC's polynomials follow theirs."""
         plate, degree = self.nameplate, self.plc.polynomial_degree

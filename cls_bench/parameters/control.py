@@ -110,7 +110,7 @@ class Drive(Section):
         100.0, "Hz", "bandwidth of the velocity controller",
         "assumed: tuned, with the two below, so that a squeezed grip is stable at I_fcs 0.30 and not at 0.25 "
         "(thesis 4.4)",
-        ge=0.01, le=2500, live=True,
+        ge=0.01, le=1e4, live=True,
     )  # fmt: skip
     velocity_integral_time: float = quantity(
         0.02, "s", "integral time T_n of the velocity controller", "assumed: tuned",
@@ -118,7 +118,7 @@ class Drive(Section):
     )
     position_bandwidth: float = quantity(
         35.0, "Hz", "bandwidth of the position controller", "assumed: tuned",
-        ge=0.01, le=1250, live=True,
+        ge=0.01, le=1e4, live=True,
     )
     position_integral_time: float = quantity(
         0.0, "s", "integral time of the position controller; 0 switches the integral off",

@@ -28,17 +28,9 @@ def nameplate_of(
     return Nameplate(**{**values, **known})
 
 
-def neutral_ratio(linkage: Linkage) -> float:
-    """Linkage ratio dφc/dφ at neutral: arm over crank, each as it stands to the rod."""
-    if linkage.kind == "none":
-        return 1.0
-    across = math.cos(linkage.arm_angle - linkage.rod_angle), math.cos(linkage.crank_angle - linkage.rod_angle)
-    return linkage.arm * across[0] / (linkage.crank * across[1])
-
-
 def inertia_at_motor(motor: Motor, gearbox: Gearbox, linkage: Linkage, column: Column) -> float:
     """Inertia of all that moves, at the motor shaft at neutral, as thesis table 3.3 adds it up [kg·m²]."""
-    ratio = neutral_ratio(linkage)
+    ratio = linkage.levers.ratio
     at_crank, far, end = linkage.masses
     crank = linkage.crank_inertia + at_crank * linkage.crank**2
     behind = (column.inertia + (far + end) * linkage.arm**2) / ratio**2

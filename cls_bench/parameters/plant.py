@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from pydantic import model_validator
 
@@ -240,6 +240,22 @@ class Gearbox(Section):
         return total
 
 
+class Levers(NamedTuple):
+    """Levers of a linkage at neutral [m]."""
+
+    crank: float
+    """of the rod's force about the crank's axis"""
+    column: float
+    """of the rod's force about the control's axis"""
+    across: float
+    """of a force across the rod, at the control's joint, about the control's axis"""
+
+    @property
+    def ratio(self) -> float:
+        """Linkage ratio dφc/dφ at neutral."""
+        return self.column / self.crank
+
+
 class Linkage(Section):
     """Four-bar linkage: crank on the gearbox, connecting rod with load cell, arm on the column.
 
@@ -297,6 +313,16 @@ class Linkage(Section):
         if self.kind == "none":
             return 0.0, 0.0, 0.0
         return self.rod_crank_mass, self.rod_column_mass - self.rod_end_mass, self.rod_end_mass
+
+    @property
+    def levers(self) -> Levers:
+        """Levers at neutral; a shaft's torque cell is a force at ``arm`` on either side."""
+        if self.kind == "none":
+            return Levers(self.arm, self.arm, 0.0)
+        of_crank, of_column = self.crank_angle - self.rod_angle, self.arm_angle - self.rod_angle
+        return Levers(
+            self.crank * math.cos(of_crank), self.arm * math.cos(of_column), -self.arm * math.sin(of_column)
+        )
 
     @property
     def four_bar(self) -> FourBar:

@@ -4,7 +4,6 @@ import math
 from typing import NamedTuple
 
 from cls_bench.parameters import Parameters
-from cls_bench.parameters.nameplate import neutral_ratio
 from cls_bench.rigs.modes import resonances
 
 
@@ -35,9 +34,8 @@ class Figures(NamedTuple):
 
 def figures(p: Parameters) -> Figures:
     """The figures of a rig."""
-    ratio, grip, lever = neutral_ratio(p.linkage), p.column.grip_height, p.linkage.arm
-    if p.linkage.kind == "four_bar":
-        lever *= math.cos(p.linkage.arm_angle - p.linkage.rod_angle)
+    lever, grip = p.linkage.levers, p.column.grip_height
+    ratio = lever.ratio
     total = p.gearbox.ratio * ratio
     modes = resonances(p)
     motor = p.motor.rotor_inertia
@@ -47,7 +45,7 @@ def figures(p: Parameters) -> Figures:
         inertia_ratio=(p.nameplate.load_inertia - motor) / motor,
         continuous_force=driven_torque(p, min(constant * p.drive.continuous_current, strongest)) * ratio / grip,
         peak_force=driven_torque(p, strongest) * ratio / grip,
-        measurable_force=p.load_cell.capacity * lever / grip,
+        measurable_force=p.load_cell.capacity * lever.column / grip,
         breakout_force=breakout_torque(p) / grip,
         backlash=grip / ratio * backlash_at_crank(p),
         encoder_step=2.0 * math.pi / (p.encoder.counts * p.encoder.interpolation) / total * grip,
@@ -76,7 +74,7 @@ def breakout_torque(p: Parameters) -> float:
         if passed <= 0.0:
             return math.inf
         held = stage.ratio * (held + static * stage.drag * stage.drag_ratio) / passed
-    return held * neutral_ratio(p.linkage) + p.column.coulomb_friction
+    return held * p.linkage.levers.ratio + p.column.coulomb_friction
 
 
 def backlash_at_crank(p: Parameters) -> float:

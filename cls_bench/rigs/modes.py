@@ -1,13 +1,14 @@
-"""Resonances of a rig as a chain of shafts, from its parameters alone: motor, gear stages, crank, control."""
+"""A rig as a chain of shafts: motor, gear stages, crank, control; its resonances, and what the motor finds of it."""
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cls_bench.parameters import Parameters
-from cls_bench.parameters.nameplate import neutral_ratio
+
+Array = NDArray[np.float64]
 
 
 class Resonances(NamedTuple):
@@ -19,39 +20,71 @@ class Resonances(NamedTuple):
     """of the control on gears and load cell, with the motor held"""
 
 
+class Chain(NamedTuple):
+    """Shafts from motor to control, play taken up, all seen from the control's axis; weight is left out."""
+
+    inertias: Array
+    """of the shafts [kg·m²]"""
+    springs: Array
+    """between them [N·m/rad]"""
+    dampers: Array
+    """likewise [N·m·s/rad]"""
+    ratio: float
+    """turns of the motor for one of the control"""
+
+    def coupled(self, values: Array) -> Array:
+        """Matrix of the springs or dampers ``values`` between the shafts."""
+        matrix = np.diag(np.append(values, 0.0) + np.append(0.0, values))
+        return np.asarray(matrix - np.diag(values, 1) - np.diag(values, -1))
+
+    def mobility(self, frequencies: Any) -> NDArray[np.complex128]:
+        """Speed of the motor for a torque of 1 N·m on it, at ``frequencies`` [Hz]."""
+        s = 2j * math.pi * np.asarray(frequencies)[:, None, None]
+        impedance = s * np.diag(self.inertias) + self.coupled(self.dampers) + self.coupled(self.springs) / s
+        torque = np.zeros((len(s), len(self.inertias), 1))
+        torque[:, 0] = 1.0
+        return np.asarray(np.linalg.solve(impedance, torque)[:, 0, 0] * self.ratio**2)
+
+    @property
+    def modes(self) -> Array:
+        """Undamped frequencies [Hz], lowest first: that of the rigid body, zero, and the resonances."""
+        return _frequencies(self.inertias, self.coupled(self.springs))
+
+
 def resonances(p: Parameters) -> Resonances:
-    """Undamped, play taken up, in the coordinates of the control's axis."""
-    inertias, springs = _chain(p)
-    count = len(inertias)
-    stiffness = np.zeros((count, count))
-    for k, spring in enumerate(springs):
-        stiffness[k : k + 2, k : k + 2] += spring * np.array([[1.0, -1.0], [-1.0, 1.0]])
-    free = _frequencies(inertias, stiffness)[1]  # the first is the rigid body's, zero
-    held = _frequencies(inertias[1:], stiffness[1:, 1:])[0]
-    return Resonances(float(free), float(held))
+    """Undamped, play taken up."""
+    found = chain(p)
+    held = _frequencies(found.inertias[1:], found.coupled(found.springs)[1:, 1:])[0]
+    return Resonances(float(found.modes[1]), float(held))
 
 
-def _chain(p: Parameters) -> tuple[NDArray[np.float64], list[float]]:
-    """Inertias [kg·m²] from motor to control and stiffnesses [N·m/rad] between them, seen from the control's axis."""
-    link, stages = p.linkage, p.gearbox.in_use
-    ratio = neutral_ratio(link)
+def chain(p: Parameters) -> Chain:
+    """The shafts of a rig at neutral."""
+    link, stages, cell = p.linkage, p.gearbox.in_use, p.load_cell
     at_crank, far, end = link.masses
-    crank = link.crank_inertia + (at_crank + far) * link.crank**2  # the rod moves along itself with the crank
+    lever = link.levers
+    # The rod's far mass moves along the rod with the crank, across it with the control.
+    crank = link.crank_inertia + at_crank * link.crank**2 + far * lever.crank**2
+    control = p.column.inertia + end * link.arm**2 + far * lever.across**2
     shafts = [p.motor.rotor_inertia + p.gearbox.input_inertia, *(stage.inertia for stage in stages)]
-    shafts[-1] += crank  # without a stage the motor is the crank
-    behind = p.gearbox.ratio * ratio
-    inertias, springs = [shafts[0] * behind**2], []
-    for stage, inertia in zip(stages, shafts[1:], strict=True):
+    shafts[-1] += link.crank_inertia  # without a stage the motor is the crank
+    behind = ratio = p.gearbox.ratio * lever.ratio
+    inertias, springs, dampers = [shafts[0] * behind**2], [], []
+    for stage, before, after in zip(stages, shafts, shafts[1:], strict=False):
         behind /= stage.ratio
-        inertias.append(inertia * behind**2)
+        one = before * stage.ratio**2
+        damper = 2.0 * stage.damping_ratio * math.sqrt(stage.stiffness * one * after / (one + after))
+        inertias.append(after * behind**2)
         springs.append(stage.stiffness * behind**2)
-    lever = link.arm if link.kind == "none" else link.arm * math.cos(link.arm_angle - link.rod_angle)
-    springs.append(p.load_cell.stiffness * lever**2)
-    inertias.append(p.column.inertia + end * link.arm**2)
-    return np.array(inertias), springs
+        dampers.append(damper * behind**2)
+    inertias[-1] += (crank - link.crank_inertia) * lever.ratio**2
+    carried = end + p.column.inertia / link.arm**2
+    springs.append(cell.stiffness * lever.column**2)
+    dampers.append(2.0 * cell.damping_ratio * math.sqrt(cell.stiffness * carried) * lever.column**2)
+    return Chain(np.array([*inertias, control]), np.array(springs), np.array(dampers), ratio)
 
 
-def _frequencies(inertias: NDArray[np.float64], stiffness: NDArray[np.float64]) -> NDArray[np.float64]:
+def _frequencies(inertias: Array, stiffness: Array) -> Array:
     root = 1.0 / np.sqrt(inertias)
     squares = np.linalg.eigvalsh(root[:, None] * stiffness * root[None, :])
     return np.asarray(np.sqrt(np.maximum(squares, 0.0)) / (2.0 * math.pi))

@@ -38,8 +38,8 @@ from cls_bench.resources import shipped_rigs
 from cls_bench.rigs import data_sheet
 from cls_bench.rigs.data_sheet import DataSheet
 from cls_bench.rigs.derivation import Derived, derived
-from cls_bench.rigs.tuning import bandwidths, in_proportion
-from cls_bench.step_limit import enough_substeps
+from cls_bench.rigs.tuning import BANDWIDTHS, bandwidths, current_bandwidth, in_proportion
+from cls_bench.step_limit import enough_substeps, unstable_parameter
 from cls_bench.text import escaped
 
 THESIS = "thesis"
@@ -151,27 +151,28 @@ def _built(about: RigFile) -> tuple[Parameters, list[Derived]]:
     follows = [entry for entry in derived(about.data_sheet, stated) if entry.key not in stated]
     if not (follows or stated or about.nameplate):
         return Parameters(), []
+    low = {key: 0.1 for key in BANDWIDTHS if key not in stated}  # until the rules give them: fits any cycle
     try:
-        parameters = override(Parameters(), {entry.key: entry.value for entry in follows} | stated)
+        parameters = override(Parameters(), low | {entry.key: entry.value for entry in follows} | stated)
     except FaultError as fault:
         raise FaultError(_origin(fault.key, stated, follows), fault.problem) from None
-    rules = [*bandwidths(parameters), *in_proportion(parameters), *_substeps(parameters)]
-    rules = [entry for entry in rules if entry.key not in stated]
-    parameters = parameters_with("parameters", parameters, {entry.key: entry.value for entry in rules})
     parameters = parameters.with_nameplate()
     if about.nameplate:
-        try:
-            parameters = override(parameters, {"nameplate": about.nameplate})
-        except FaultError as fault:
-            raise FaultError(fault.key, fault.problem) from None
-    return parameters, [*follows, *rules]
+        parameters = override(parameters, {"nameplate": about.nameplate})
+    for rule in (current_bandwidth, in_proportion, bandwidths, _substeps):
+        found = [entry for entry in rule(parameters) if entry.key not in stated]
+        parameters = parameters_with("parameters", parameters, {entry.key: entry.value for entry in found})
+        follows += found
+    return parameters, follows
 
 
 def _substeps(p: Parameters) -> list[Derived]:
     """More steps of the plant in a tick where its fastest motion asks for them."""
-    enough = enough_substeps(p)
-    if enough is None or enough == p.simulation.substeps:
+    if (found := unstable_parameter(p)) is None:
         return []
+    enough = enough_substeps(p)
+    if enough is None:
+        raise FaultError(f"parameters.{found[0]}", found[1])
     step = p.rates.current_cycle * 1e6 / p.simulation.substeps
     return [Derived("simulation.substeps", enough, f"a plant step of {step:g} µs would be unstable")]
 
