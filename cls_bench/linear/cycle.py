@@ -108,8 +108,7 @@ class _Period:
         self._arm = lever.column
         self._ratio = p.nameplate.gear_ratio * lever.ratio  # motor over column
         # What the PLC takes for a newton, over what it is.
-        count = 2.0 * p.load_cell.capacity / (1 << p.load_cell.adc_bits)
-        self._cell = (1.0 + p.load_cell.gain_error) * p.nameplate.load_cell_gain / count
+        self._cell = (1.0 + p.load_cell.gain_error) * p.nameplate.load_cell_gain / p.load_cell.count
         self._feel = _answer(p.feel, clock.plc_s)
         self._step = plant.sampled(clock.tick_s)
         # What one part of a tick leaves to another. All of it is set anew at the period's first tick.

@@ -10,6 +10,7 @@ from cls_bench.linear.bench import LinearBench
 from cls_bench.linear.hand import Hand, forward_inertia
 from cls_bench.linear.variation import changed
 from cls_bench.parameters import Parameters
+from cls_bench.parameters.override import bounds
 
 GRIPS = (
     Hand(None),
@@ -22,8 +23,12 @@ STEPS = 40
 
 
 def search_range(p: Parameters) -> tuple[float, float]:
-    """I_fcs [kg·m²] between which a least one is searched: from far below the bare column's to far above the limb's."""
-    return 0.25 * forward_inertia(p, Hand(None)), 20.0 * forward_inertia(p, Hand())
+    """I_fcs [kg·m²] between which a least one is searched: from far below the bare column's to far above the limb's.
+
+    Not beyond what ``feel.inertia`` may be.
+    """
+    least, most = bounds("feel.inertia")
+    return max(0.25 * forward_inertia(p, Hand(None)), least), min(20.0 * forward_inertia(p, Hand()), most)
 
 
 def least_inertia(
@@ -36,7 +41,7 @@ def least_inertia(
     """
     default = search_range(p)
     low, high = default[0] if low is None else low, default[1] if high is None else high
-    values = [float(value) for value in np.geomspace(high, low, STEPS)]
+    values = [float(value) for value in np.clip(np.geomspace(high, low, STEPS), low, high)]
     worst, which = 0.0, grips[0]
     for hand in grips:
         if math.isinf(worst):

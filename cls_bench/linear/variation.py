@@ -7,7 +7,7 @@ from cls_bench.errors import InputError
 from cls_bench.input.faults import FaultError
 from cls_bench.linear.hand import Hand, forward_inertia, limb_mass_for
 from cls_bench.parameters import Parameters, leaves
-from cls_bench.parameters.override import override
+from cls_bench.parameters.override import bounds, override
 
 
 @dataclass(frozen=True)
@@ -55,13 +55,16 @@ HEAVIEST = 95.0
 def _named(p: Parameters) -> dict[str, Variation]:
     """Variations with a range of their own: in inertias, from below the bare column's to far beyond a limb's."""
     bare = forward_inertia(p, Hand(None))
-    heaviest = bare + HEAVIEST * p.column.grip_height**2
+    least, most = bounds("feel.inertia")
+    lightest, heaviest = (bare + mass * p.column.grip_height**2 for mass in (1.05 * bounds("limb.mass")[0], HEAVIEST))
     chosen = (
         Variation("limb_mass", "kg", 0.02, 20.0),
-        Variation("forward_inertia", "kg·m²", _rounded(1.1 * bare), _rounded(min(50.0 * bare, heaviest))),
+        Variation(
+            "forward_inertia", "kg·m²", max(_rounded(1.1 * bare), lightest), _rounded(min(50.0 * bare, heaviest))
+        ),
         Variation("squeeze", "1", 0.0, 1.0),
         Variation("delay", f"cycles of {p.rates.bus_cycle * 1e3:g} ms", 0, 16, whole=True),
-        Variation("feel.inertia", "kg·m²", _rounded(0.5 * bare), _rounded(75.0 * bare)),
+        Variation("feel.inertia", "kg·m²", max(_rounded(0.5 * bare), least), min(_rounded(75.0 * bare), most)),
         Variation("feel.damping", "N·m·s/rad", 0.1, 200.0),
     )
     return {v.name: v for v in chosen}
@@ -92,8 +95,8 @@ def variation(
         found = {key: (value, extra["unit"]) for key, value, extra in leaves(p)}
         if name not in found or isinstance(found[name][0], bool | str):
             raise InputError(f'vary = "{name}": must be {", ".join(named)} or the key of a numeric parameter')
-        value, unit = found[name]
-        low, high = (0.1 * value if low is None else low), (10.0 * value if high is None else high)
+        (value, unit), (least, most) = found[name], bounds(name)
+        low, high = max(0.1 * value, least) if low is None else low, min(10.0 * value, most) if high is None else high
         known = Variation(name, unit, low, high, whole=isinstance(value, int))
     low, high = (known.low if low is None else low), (known.high if high is None else high)
     if not low < high:

@@ -105,8 +105,7 @@ class Parameters(Section):
     def _linkage(self) -> "Parameters":
         """The linkage moves over the whole range, far from its dead points, and the PLC's polynomials follow theirs."""
         plate, degree = self.nameplate, self.plc.polynomial_degree
-        reach = max(self.column.switch_angle + 3.0 * DEG, self.column.stop_angle)
-        _check_linkage("linkage: crank, rod and arm", self.linkage.four_bar, reach)
+        _check_linkage("linkage: crank, rod and arm", self.linkage.four_bar, self.column.reach)
         _check_linkage("nameplate: crank, rod and arm", plate.four_bar, plate.reach)
         if plate.four_bar.rod > 0.0 and (plate.four_bar, plate.reach, degree) != _SHIPPED:
             bar, reach = plate.four_bar, plate.reach
@@ -140,4 +139,4 @@ def _check_linkage(what: str, bar: FourBar, reach: float) -> None:
             )
 
 
-_SHIPPED: tuple[Any, ...] = (Linkage().four_bar, max(Column().switch_angle + 3.0 * DEG, Column().stop_angle), 9)
+_SHIPPED: tuple[Any, ...] = (Linkage().four_bar, Column().reach, Plc().polynomial_degree)

@@ -6,10 +6,8 @@ from typing import Literal
 from pydantic import model_validator
 
 from cls_bench.kinematics import FourBar
-from cls_bench.parameters.quantity import RPM, Section, quantity
-
-WIDEST = 3.0
-"""No angle of a control is beyond this [rad]."""
+from cls_bench.parameters.bars import Levers, four_bar_of, levers_of
+from cls_bench.parameters.quantity import RPM, WIDEST, Section, quantity
 
 _FOLLOWS = "follows from the data sheets: {}"
 
@@ -76,11 +74,14 @@ class Nameplate(Section):
     )  # fmt: skip
 
     @property
+    def levers(self) -> Levers:
+        """Levers at neutral."""
+        return levers_of(self.linkage, self)
+
+    @property
     def four_bar(self) -> FourBar:
         """Lengths and angles for :mod:`cls_bench.kinematics`."""
-        if self.linkage == "none":
-            return FourBar(self.arm, 0.0, self.arm, self.arm_angle, 0.0, self.arm_angle)
-        return FourBar(self.crank, self.rod, self.arm, self.crank_angle, self.rod_angle, self.arm_angle)
+        return four_bar_of(self.linkage, self)
 
 
 class Drive(Section):

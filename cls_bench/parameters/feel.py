@@ -2,10 +2,7 @@
 
 from pydantic import model_validator
 
-from cls_bench.parameters.quantity import DEG, Section, part, quantity
-
-WIDEST = 3.0
-"""No angle of a control is beyond this [rad]."""
+from cls_bench.parameters.quantity import DEG, WIDEST, Section, part, quantity
 
 
 class TravelLimit(Section):

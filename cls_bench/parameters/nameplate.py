@@ -4,7 +4,7 @@ import math
 
 from cls_bench.parameters.control import Nameplate
 from cls_bench.parameters.plant import Column, Gearbox, Linkage, LoadCell, Motor
-from cls_bench.parameters.quantity import DEG, GRAVITY
+from cls_bench.parameters.quantity import GRAVITY
 
 
 def nameplate_of(
@@ -21,9 +21,9 @@ def nameplate_of(
         "thermal_time_constant": motor.thermal_time_constant,
         "load_inertia": inertia_at_motor(motor, gearbox, linkage, column),
         "unbalance": static_unbalance(column, linkage),
-        "load_cell_gain": 2.0 * load_cell.capacity / (1 << load_cell.adc_bits),
+        "load_cell_gain": load_cell.count,
         "stop_angle": column.stop_angle,
-        "reach": max(column.switch_angle + 3.0 * DEG, column.stop_angle),
+        "reach": column.reach,
     }
     return Nameplate(**{**values, **known})
 
@@ -45,7 +45,13 @@ def static_unbalance(column: Column, linkage: Linkage) -> float:
     load cell.
     """
     _, far, end = linkage.masses
-    peak = GRAVITY * (column.mass * column.mass_height + (far + end) * linkage.arm * math.cos(linkage.arm_angle))
+    lever, tilt = linkage.levers, linkage.rod_angle
+    of_arm, of_crank = linkage.arm_angle - tilt, linkage.crank_angle - tilt
+    turn = (linkage.arm * math.sin(of_arm) - lever.ratio * linkage.crank * math.sin(of_crank)) / linkage.rod  # dρ/dφ
+    # Slope of cos ρ · sin(α + φ − ρ): what of the far share's weight is across the rod, at the arm's lever.
+    across = math.cos(tilt) * math.cos(of_arm) * (1.0 - turn) - math.sin(tilt) * math.sin(of_arm) * turn
+    rod = (far * across + end * math.cos(linkage.arm_angle)) * linkage.arm
+    peak = GRAVITY * (column.mass * column.mass_height + rod)
     # Least squares of sin φ by a line through the origin: ∫ φ sin φ / ∫ φ² over the travel a.
     a = column.travel
     return peak * 3.0 * (math.sin(a) - a * math.cos(a)) / a**3

@@ -1,5 +1,6 @@
 """The one way in which a dotted key changes parameters: of rigs, scenarios, their changes, ``--set`` and sweeps."""
 
+import math
 import re
 from collections.abc import Iterator, Mapping
 from functools import cache
@@ -20,6 +21,26 @@ _OF_A_FOUR_BAR = tuple(
 def known_keys() -> Mapping[str, Mapping[str, Any]]:
     """All parameters by dotted key, with unit, source, meaning, what is valid, and whether they are live."""
     return {key: about for key, _, about in leaves(Parameters())}
+
+
+@cache
+def bounds(key: str) -> tuple[float, float]:
+    """Least and greatest value that the parameter ``key`` may have; infinite where there is none."""
+    section: Section = Parameters()
+    low, high = -math.inf, math.inf
+    *parents, last = key.split(".")
+    for parent in parents:
+        section = getattr(section, parent)
+    for constraint in type(section).model_fields[last].metadata:
+        if hasattr(constraint, "ge"):
+            low = constraint.ge
+        if hasattr(constraint, "gt"):
+            low = math.nextafter(constraint.gt, math.inf)
+        if hasattr(constraint, "le"):
+            high = constraint.le
+        if hasattr(constraint, "lt"):
+            high = math.nextafter(constraint.lt, -math.inf)
+    return low, high
 
 
 def whole_keys() -> frozenset[str]:

@@ -2,15 +2,13 @@
 
 import math
 from collections.abc import Sequence
-from typing import Literal, NamedTuple
+from typing import Literal
 
 from pydantic import model_validator
 
 from cls_bench.kinematics import FourBar
-from cls_bench.parameters.quantity import ARCMIN, DEG, GRAVITY, Section, part, quantity
-
-WIDEST = 3.0
-"""No angle of a control is beyond this [rad]."""
+from cls_bench.parameters.bars import Levers, four_bar_of, levers_of
+from cls_bench.parameters.quantity import ARCMIN, DEG, GRAVITY, WIDEST, Section, part, quantity
 
 
 class Motor(Section):
@@ -66,6 +64,11 @@ TOOTHLESS: tuple[StageKind, ...] = ("belt",)
 """Kinds whose teeth, if any, do not ripple."""
 
 
+BACKWARDS = 0.5
+"""Slope of the transmission error over the ratio's own, error · teeth · ratio, that is refused: at 1 the output would
+stand still once a tooth, beyond that turn backwards."""
+
+
 class GearStage(Section):
     """One gear stage: elastic mesh with backlash, transmission error, and friction that follows the load.
 
@@ -118,6 +121,16 @@ class GearStage(Section):
     transmission_error: float = quantity(
         0.0, "rad", "amplitude of the transmission error at the tooth-passing frequency", "", ge=0, le=0.01
     )
+
+    @model_validator(mode="after")
+    def _forwards(self) -> "GearStage":
+        slope = self.transmission_error * self.teeth * self.ratio
+        if slope >= BACKWARDS and self.kind not in TOOTHLESS:
+            raise ValueError(
+                f"transmission_error × teeth × ratio = {slope:.3g} must be less than {BACKWARDS:g}: the output would "
+                "nearly turn backwards at every tooth"
+            )
+        return self
 
     @property
     def carried(self) -> bool:
@@ -240,22 +253,6 @@ class Gearbox(Section):
         return total
 
 
-class Levers(NamedTuple):
-    """Levers of a linkage at neutral [m]."""
-
-    crank: float
-    """of the rod's force about the crank's axis"""
-    column: float
-    """of the rod's force about the control's axis"""
-    across: float
-    """of a force across the rod, at the control's joint, about the control's axis"""
-
-    @property
-    def ratio(self) -> float:
-        """Linkage ratio dφc/dφ at neutral."""
-        return self.column / self.crank
-
-
 class Linkage(Section):
     """Four-bar linkage: crank on the gearbox, connecting rod with load cell, arm on the column.
 
@@ -316,20 +313,13 @@ class Linkage(Section):
 
     @property
     def levers(self) -> Levers:
-        """Levers at neutral; a shaft's torque cell is a force at ``arm`` on either side."""
-        if self.kind == "none":
-            return Levers(self.arm, self.arm, 0.0)
-        of_crank, of_column = self.crank_angle - self.rod_angle, self.arm_angle - self.rod_angle
-        return Levers(
-            self.crank * math.cos(of_crank), self.arm * math.cos(of_column), -self.arm * math.sin(of_column)
-        )
+        """Levers at neutral."""
+        return levers_of(self.kind, self)
 
     @property
     def four_bar(self) -> FourBar:
         """Lengths and angles for :mod:`cls_bench.kinematics`."""
-        if self.kind == "none":
-            return FourBar(self.arm, 0.0, self.arm, self.arm_angle, 0.0, self.arm_angle)
-        return FourBar(self.crank, self.rod, self.arm, self.crank_angle, self.rod_angle, self.arm_angle)
+        return four_bar_of(self.kind, self)
 
 
 class LoadCell(Section):
@@ -381,6 +371,11 @@ class LoadCell(Section):
         "chosen: whole", live=True,
     )  # fmt: skip
 
+    @property
+    def count(self) -> float:
+        """Force of one converter count [N], by the data sheets."""
+        return 2.0 * self.capacity / (1 << self.adc_bits)
+
 
 class Column(Section):
     """Control column with its bearing, unbalance, limit switches and stop blocks."""
@@ -422,6 +417,11 @@ class Column(Section):
         20.0, "N·m·s/rad", "damping of a stop block", "assumed: a third of critical for the bare column",
         ge=0, le=1e5,
     )
+
+    @property
+    def reach(self) -> float:
+        """How far to either side its linkage has to work [rad]: 3° beyond the switches, at least to the stops."""
+        return max(self.switch_angle + 3.0 * DEG, self.stop_angle)
 
     @model_validator(mode="after")
     def _order(self) -> "Column":
@@ -482,7 +482,7 @@ class Encoder(Section):
     counts: int = quantity(4096, "1/rev", "increments in a revolution", "thesis 3.2.3", ge=1, le=2**24)
     interpolation: int = quantity(
         64, "1", "sin/cos interpolation: steps in an increment; 1 switches it off",
-        "assumed: drives of this class resolve 2^18 steps or more", ge=1, le=65536,
+        "assumed: drives of this class resolve 2^18 steps or more", ge=1, le=2**28,
     )  # fmt: skip
     noise: float = quantity(
         2.0e-5, "rad", "r.m.s. noise of one sample, before quantisation",

@@ -25,6 +25,9 @@ RPM = 2.0 * math.pi / 60.0
 DEG = math.pi / 180.0
 """One degree [rad]."""
 
+WIDEST = 3.0
+"""No angle of a control is beyond this [rad]."""
+
 
 def quantity(default: Any, unit: str, meaning: str, source: str, *, live: bool = False, **bounds: Any) -> Any:
     """Declare a parameter; ``bounds`` are pydantic's ``gt``, ``ge``, ``lt``, ``le``. No default (``...``): it is given.

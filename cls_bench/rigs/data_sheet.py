@@ -25,7 +25,7 @@ class MotorSheet(Strict):
     rated_current_A: Positive | None = None
     """current for it [A]"""
     rated_speed_rpm: Positive | None = None
-    """speed at which it gives its rated torque [1/min]"""
+    """speed at which it gives its rated torque [1/min]; only compared with the speed without load"""
     peak_torque_Nm: Positive | None = None
     """largest torque [N·m]"""
     peak_current_A: Positive | None = None

@@ -4,6 +4,7 @@ import math
 from typing import NamedTuple
 
 from cls_bench.parameters import Parameters
+from cls_bench.parameters.nameplate import inertia_at_motor
 from cls_bench.rigs.modes import resonances
 
 
@@ -42,7 +43,7 @@ def figures(p: Parameters) -> Figures:
     constant = p.motor.torque_constant
     strongest = min(p.drive.torque_limit, constant * p.drive.peak_current)
     return Figures(
-        inertia_ratio=(p.nameplate.load_inertia - motor) / motor,
+        inertia_ratio=inertia_at_motor(p.motor, p.gearbox, p.linkage, p.column) / motor - 1.0,
         continuous_force=driven_torque(p, min(constant * p.drive.continuous_current, strongest)) * ratio / grip,
         peak_force=driven_torque(p, strongest) * ratio / grip,
         measurable_force=p.load_cell.capacity * lever.column / grip,

@@ -159,11 +159,19 @@ def _built(about: RigFile) -> tuple[Parameters, list[Derived]]:
     parameters = parameters.with_nameplate()
     if about.nameplate:
         parameters = override(parameters, {"nameplate": about.nameplate})
-    for rule in (current_bandwidth, in_proportion, bandwidths, _substeps):
+    for rule in (_coupling, current_bandwidth, in_proportion, bandwidths, _substeps):
         found = [entry for entry in rule(parameters) if entry.key not in stated]
         parameters = parameters_with("parameters", parameters, {entry.key: entry.value for entry in found})
         follows += found
     return parameters, follows
+
+
+def _coupling(p: Parameters) -> list[Derived]:
+    """What turns with the gearbox's output where there is no crank."""
+    if p.linkage.kind != "none":
+        return []
+    how = "assumed: coupling and half of the torque cell are as heavy as the thesis's crank"
+    return [Derived("linkage.crank_inertia", p.linkage.crank_inertia, how)]
 
 
 def _substeps(p: Parameters) -> list[Derived]:
@@ -179,9 +187,11 @@ def _substeps(p: Parameters) -> list[Derived]:
 
 def _origin(key: str, stated: Mapping[str, Any], follows: list[Derived]) -> str:
     """Key of the file at which a fault of ``key`` came about."""
-    if any(entry.key == key for entry in follows):
+    given = any(name == key or name.startswith(f"{key}.") for name in stated)
+    if not given and any(entry.key == key or entry.key.startswith(f"{key}.") for entry in follows):
         section = key.split(".", maxsplit=1)[0]
-        return f"data_sheet.{section} (from which {key} follows)"
+        sheets = {"rates": "drive and data_sheet.bus", "plc": "bus"}.get(section, section)
+        return f"data_sheet.{sheets} (from which {key} {'follows' if '.' in key else 'follow'})"
     return f"parameters.{key}".rstrip(".")
 
 

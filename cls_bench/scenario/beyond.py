@@ -13,6 +13,9 @@ from cls_bench.scenario.segments import Segment
 STRONG = 334.0
 """What a pilot's two hands are taken to give for a short time [N]: 75 lb in pitch, 14 CFR 25.143(d)."""
 
+RATIO = 1.2
+"""Factor by which the true ratio from motor to control may differ from the believed one before that is said."""
+
 
 def beyond_the_rig(hand: Sequence[Segment], p: Parameters) -> Iterator[str]:
     """One line for each thing that will not be as the scenario means it."""
@@ -28,6 +31,12 @@ def beyond_the_rig(hand: Sequence[Segment], p: Parameters) -> Iterator[str]:
         yield (
             f"hand[{k}] aims at {math.degrees(segment.farthest):.4g}°, where this rig's control stops at "
             f"{math.degrees(stop):.3g}°: the arm will press on the stops with {force:.0f} N"
+        )
+    true, believed = p.gearbox.ratio * p.linkage.levers.ratio, p.nameplate.gear_ratio * p.nameplate.levers.ratio
+    if not 1.0 / RATIO < true / believed < RATIO:
+        yield (
+            f"the motor turns {true:.4g} times for one turn of the control, and drive and PLC believe {believed:.4g} "
+            "(nameplate): what a rig is built of belongs in its file, from which the nameplate follows"
         )
     own = p.column.inertia + p.linkage.masses[2] * p.linkage.arm**2
     if p.feel.inertia < own:

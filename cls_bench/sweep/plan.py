@@ -128,7 +128,7 @@ def _rounded(value: Any, whole: bool) -> Any:
 class Plan:
     """A sweep with its scenario, checked: what is needed to evaluate a point."""
 
-    def __init__(self, sweep: Sweep, scenario: Scenario, source: bytes, name: str):
+    def __init__(self, sweep: Sweep, scenario: Scenario, source: bytes, name: str, folder: Path):
         self.sweep = sweep
         self.scenario = scenario
         self.source = source
@@ -137,7 +137,7 @@ class Plan:
         """stem of the sweep file"""
         self.checks = _collected(sweep, scenario)
         """what is collected at every point"""
-        self.rigs = _rigs(sweep, scenario)
+        self.rigs = _rigs(sweep, scenario, folder)
         """rigs that an axis chooses among, by name"""
 
     @property
@@ -170,15 +170,15 @@ def _collected(sweep: Sweep, scenario: Scenario) -> tuple[Check, ...]:
     return checks
 
 
-def _rigs(sweep: Sweep, scenario: Scenario) -> dict[str, Rig]:
-    """The rigs of an axis ``rig``, as they are now."""
-    folder, found = scenario.path.parent if scenario.path else Path(), {}
+def _rigs(sweep: Sweep, scenario: Scenario, folder: Path) -> dict[str, Rig]:
+    """The rigs of an axis ``rig``, as they are now: files beside the scenario, or in the sweep's ``folder``."""
+    beside, found = scenario.path.parent if scenario.path else folder, {}
     for point in sweep.points if any(axis.key == "rig" for axis in sweep.axes) else ():
         name = point["rig"]
         if not isinstance(name, str):
             raise InputError(f"axes: {shown(name)} is no rig; give names or files")
         if name not in found:
-            found[name] = find_rig(name, folder)
+            found[name] = find_rig(name, beside if (beside / name).is_file() else folder)
     return found
 
 
@@ -202,7 +202,7 @@ def load_sweep(path: Path, *, rig: str | Path | None = None) -> Plan:
     scenario = load_scenario(named if named in shipped_scenarios() else path.parent / named, rig=rig)
     try:
         _check_keys(sweep, scenario)
-        plan = Plan(sweep, scenario, source, path.stem)
+        plan = Plan(sweep, scenario, source, path.stem, path.parent)
         validate(scenario.with_checks(plan.checks))
     except InputError as error:
         raise InputError(f"{file}: {error}") from None
