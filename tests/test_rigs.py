@@ -1,23 +1,31 @@
 """Rigs: those that come with the bench, their figures, the rules that give them gains, faults of their files."""
 
 import math
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 import scipy.linalg
+from click.testing import CliRunner
 
+from cls_bench.cli import main
 from cls_bench.errors import InputError
+from cls_bench.kinematics import crank_from_column, rod_angle
 from cls_bench.linear.alone import drive_alone
 from cls_bench.linear.bench import LinearBench
-from cls_bench.linear.hand import Hand
-from cls_bench.linear.least import GRIPS
+from cls_bench.linear.hand import Hand, forward_inertia
+from cls_bench.linear.least import GRIPS, least_inertia, search_range
 from cls_bench.linear.plant import plant
-from cls_bench.linear.variation import changed
-from cls_bench.parameters import Parameters
+from cls_bench.linear.variation import Setup, changed, variation
+from cls_bench.parameters import ARCMIN, GRAVITY, Parameters
 from cls_bench.resources import shipped_rigs
-from cls_bench.rigs import load_rig, parse_rig, resonances
+from cls_bench.rigs import figures, load_rig, parse_rig, resonances
 from cls_bench.rigs.modes import chain
 from cls_bench.rigs.tuning import GAIN_MARGIN, answer_delay, gain_limit
+from cls_bench.scenario import load_scenario
+from cls_bench.sweep.plan import load_sweep
+from tests.running import run
 
 SHIPPED = tuple(shipped_rigs())
 BARE = 'title = "x"\n'
@@ -186,3 +194,171 @@ def test_the_motor_finds_all_inertia_below_the_resonances_and_its_own_above() ->
     link = p.linkage
     own = p.motor.rotor_inertia + link.crank_inertia + sum(link.masses[:2]) * link.crank**2
     assert 1.0 / (2.0 * math.pi * 5e4 * high) == pytest.approx(own, rel=0.001)
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_a_shipped_rig_tracks_without_a_warning(name: str) -> None:
+    """The motion of motion_tracking, with the rig's own feel, for half a second after it begins."""
+    toml = """
+[[hand]]
+at = 0.0
+kind = "hold"
+angle_deg = 0.0
+[[hand]]
+at = 0.1
+kind = "sine"
+amplitude_deg = 5.0
+frequency = 2.0
+fade = 0.1
+"""
+    ran = run(f'rig = "{name}"\n{toml}', duration=0.6, seed=4)
+    assert ran.error is None
+    assert [event.message for event in ran.events if event.level in ("warning", "error")] == []
+    moved, asked = ran["/column.angle"], ran["/feel.angle"]
+    assert np.max(moved) > 0.01 and np.min(moved) < -0.01
+    followed = moved - np.interp(ran.time("/column"), ran.time("/feel"), asked)
+    assert np.max(np.abs(followed)) < 0.02 + 0.1 * np.max(np.abs(asked))
+
+
+def test_the_page_shows_the_figures_of_the_shipped_rigs() -> None:
+    """Figures with a closed form that a reader can work out, to the digits shown."""
+    page = (Path(__file__).parent.parent / "docs" / "rigs.md").read_text()
+    tables = re.findall(r"^ (\w+) {2,}([\w. ]+)$", page, re.MULTILINE)
+    at_grip = {name: cells.split() for name, cells in tables[: len(SHIPPED)]}
+    in_motion = {name: cells.split() for name, cells in tables[len(SHIPPED) : 2 * len(SHIPPED)]}
+    assert sorted(at_grip) == sorted(in_motion) == sorted(SHIPPED)
+    for name in SHIPPED:
+        p = load_rig(name).parameters
+        link, grip = p.linkage, p.column.grip_height
+        ratio = 1.0 if link.kind == "none" else link.arm / link.crank
+        step = grip * 2.0 * math.pi / (p.encoder.counts * p.encoder.interpolation * p.gearbox.ratio * ratio)
+        assert float(at_grip[name][5]) == pytest.approx(1e6 * step, rel=0.005)
+        assert float(at_grip[name][2]) == pytest.approx(p.load_cell.capacity * link.arm / grip, rel=0.005)
+        total = p.nameplate.load_inertia / p.motor.rotor_inertia - 1.0
+        assert float(in_motion[name][0]) == pytest.approx(total, rel=0.005)
+        assert float(in_motion[name][3]) == pytest.approx(p.drive.velocity_bandwidth, rel=0.005)
+        free, held = linear_resonances(p)
+        assert [float(cell) for cell in in_motion[name][1:3]] == pytest.approx([free, held], rel=0.005)
+
+
+def test_forces_are_those_of_the_bench() -> None:
+    """The motor's continuous torque, held by a stiff hand, and the power off breakout: the thesis's by hand."""
+    p = load_rig("one_stage").parameters
+    found, stage = figures(p), p.gearbox.stage1
+    at_crank = (0.51 * 4.80 - stage.drag) * 10.0 * stage.efficiency
+    assert found.continuous_force == pytest.approx(at_crank * 1.75 / 0.3)
+    static = p.gearbox.breakaway_ratio * (1.0 + stage.ripple)
+    mesh = 10.0 * (0.02 + static * stage.drag) / (1.0 - static * (1.0 - stage.backdrive_efficiency))
+    assert found.breakout_force == pytest.approx((mesh * 1.75 + 0.05) / 0.3)
+    assert found.backlash == pytest.approx(4.0 * ARCMIN / 1.75 * 0.3)
+    assert figures(load_rig("non_backdrivable").parameters).breakout_force == math.inf
+
+
+def test_the_inertia_ratio_is_the_plants_not_what_the_drive_believes() -> None:
+    text = f"{BARE}[parameters.motor]\nrotor_inertia = 6.0e-5\n"
+    told, plain = (figures(parse_rig(text + more).parameters) for more in ("[nameplate]\nload_inertia = 5.0e-4\n", ""))
+    assert told.inertia_ratio == plain.inertia_ratio == pytest.approx((9.275e-5 - 4e-5) / 6e-5, rel=1e-3)
+
+
+@pytest.mark.parametrize("link", TILTED, ids=str)
+def test_unbalance_of_a_tilted_linkage(link: dict[str, float]) -> None:
+    """Torque of all weights on the column near neutral, by statics of the moving linkage, is what the PLC takes out."""
+    table = "".join(f"{key} = {x}\n" for key, x in link.items())
+    p = parse_rig(f"{BARE}[parameters.linkage]\n{table}").parameters
+    bar, (_, far, end) = p.linkage.four_bar, p.linkage.masses
+
+    def torque(angle: float) -> float:
+        rod, arm = rod_angle(bar, crank_from_column(bar, angle), angle), angle + bar.arm_angle
+        across = np.array([math.sin(rod), math.cos(rod)])
+        pin = bar.arm * np.array([math.cos(arm), -math.sin(arm)])  # its motion for a turn of the column
+        of_far = far * across[1] * float(across @ pin)  # the share of the weight across the rod, on the pin
+        return -GRAVITY * (of_far + end * pin[1] - p.column.mass * p.column.mass_height * math.sin(angle))
+
+    slope = (torque(1e-4) - torque(-1e-4)) / 2e-4
+    a = p.column.travel
+    assert p.nameplate.unbalance == pytest.approx(slope * 3.0 * (math.sin(a) - a * math.cos(a)) / a**3, rel=1e-4)
+
+
+def test_the_crank_of_a_rig_without_one_is_said() -> None:
+    rig = parse_rig(f'{BARE}[parameters.linkage]\nkind = "none"\n')
+    (said,) = [entry for entry in rig.derived if entry.key == "linkage.crank_inertia"]
+    assert said.value == rig.parameters.linkage.crank_inertia and said.how.startswith("assumed")
+    stated = parse_rig(f'{BARE}[parameters.linkage]\nkind = "none"\ncrank_inertia = 1.0e-4\n')
+    assert stated.parameters.linkage.crank_inertia == 1e-4
+    assert "linkage.crank_inertia" not in [entry.key for entry in stated.derived]
+
+
+@pytest.mark.parametrize(
+    ("toml", "problem"),
+    [
+        ("", "title: missing"),
+        (f"{BARE}[parameters.linkage]\nrod_angle = 0.5\ncrank_angle = 0.5\narm_angle = -0.3\n",
+         "parameters: polynomials of degree 9 do not follow the linkage"),
+        (f"{BARE}[parameters.linkage]\nrod = 0.02\n", "parameters: linkage: crank, rod and arm: the linkage cannot be"),
+        (f"{BARE}[parameters.gearbox.stage1]\nstiffness = 1.0e9\ninertia = 1.0e-8\n",
+         r"parameters\.gearbox\.stage1\.\w+: .* is too (high|low) .* no number of substeps carries it"),
+        (f"{BARE}[nameplate]\ngear_rato = 25.0\n", "nameplate.gear_rato: unknown parameter; did you mean"),
+        (f"{BARE}[parameters.nameplate]\ngear_ratio = 25.0\n", "parameters.nameplate.gear_ratio: give it in the table"),
+        (f"{BARE}[parameters.colum]\nmass = 1.0\n", "parameters.colum.mass: unknown parameter"),
+        (f"{BARE}[data_sheet.motor]\nstall_torque = 1.0\n", "data_sheet.motor.stall_torque: unknown key; did you mean"),
+        (f"{BARE}[[data_sheet.gearbox]]\nratio = 10\n", r"data_sheet.gearbox\[0\]\.\w+: missing"),
+        ("title = 3\n", "title: 3 is not valid"),
+        ("title = \n", ".*line 1"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_with_a_file_is_one_line(toml: str, problem: str) -> None:
+    with pytest.raises(InputError, match=f"^my.toml: {problem}") as failure:
+        parse_rig(toml, name="my")
+    assert "\n" not in str(failure.value)
+
+
+def test_a_name_that_is_no_rig() -> None:
+    with pytest.raises(InputError, match=r"^direct_drve: no such rig or file; did you mean direct_drive"):
+        load_rig("direct_drve")
+
+
+@pytest.mark.parametrize("inertia", [0.0009, 6.0])
+def test_the_least_inertia_of_heavy_and_light_controls_is_searched_where_it_may_be(inertia: float) -> None:
+    column = f"[parameters.column]\ninertia = {inertia}\nmass = 0.05\nmass_height = 0.01\ngrip_height = 0.75\n"
+    p = parse_rig(f"{BARE}{column}[parameters.linkage]\nrod_column_mass = 0.0\nrod_end_mass = 0.0\n").parameters
+    low, high = search_range(p)
+    assert (low, high) == (0.001, pytest.approx(20.0 * forward_inertia(p, Hand()))) if inertia < 1.0 else high == 100.0
+    assert least_inertia(p, [Hand(1.0)])[0] >= 0.0
+    for name in ("feel.inertia", "forward_inertia", "limb_mass", "feel.damping", "load_cell.adc_bits"):
+        found = variation(name, of=p)
+        for end in (found.low, found.high):
+            found.apply(Setup(p), round(end) if found.whole else end)
+
+
+def test_a_ratio_that_drive_and_plc_do_not_believe_is_said() -> None:
+    def notes(*overrides: str) -> list[str]:
+        return [n for n in load_scenario("motion_tracking", set=overrides).notes if "believe" in n]
+
+    assert notes() == notes("gearbox.stage1.ratio=5.8") == notes("linkage.crank=0.101") == []
+    (note,) = notes("gearbox.stages=1")
+    assert note.startswith("the motor turns 8.75 times for one turn of the control, and drive and PLC believe 43.75")
+    assert len(notes("gearbox.stage2.ratio=6.1")) == len(notes("gearbox.stage2.ratio=4.1")) == 1
+    assert load_scenario("motion_tracking", rig="one_stage").parameters_at_start().nameplate.gear_ratio == 10.0
+
+
+def test_a_sweep_finds_rigs_beside_it(tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").write_text(f"{BARE}[parameters.column]\nmass = 1.0\n")
+    axis = '[[axes]]\nkey = "rig"\nkind = "list"\nvalues = ["mine.toml", "one_stage"]\n'
+    path = tmp_path / "sweep.toml"
+    path.write_text(f'title = "x"\nscenario = "motion_tracking"\ncollect = ["lag"]\n{axis}')
+    assert load_sweep(path).rigs["mine.toml"].parameters.column.mass == 1.0
+    path.write_text(f'title = "x"\nscenario = "motion_tracking"\ncollect = ["lag"]\n{axis.replace("mine", "his")}')
+    with pytest.raises(InputError, match=r"his\.toml: no such file"):
+        load_sweep(path)
+
+
+@pytest.mark.parametrize("command", ["rigs", "predict", "run"])
+def test_a_drive_that_sings_is_said(command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("loud.toml").write_text(f"{SIDE_STICK}[parameters.drive]\nvelocity_bandwidth = 100.0\n")
+    Path("calm.toml").write_text(SIDE_STICK)
+    words = {"rigs": ["rigs", "{}"], "predict": ["predict", "--rig", "{}"],
+             "run": ["run", "motion_tracking", "--rig", "{}", "--out", "o"]}[command]  # fmt: skip
+    loud, calm = (CliRunner().invoke(main, [w.format(f) for w in words]) for f in ("loud.toml", "calm.toml"))
+    assert re.search(r"^warning: (loud: )?the drive itself is unstable at 6\d\d Hz", loud.stderr, re.MULTILINE)
+    assert "the drive itself" not in calm.stderr
