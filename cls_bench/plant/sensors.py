@@ -42,14 +42,9 @@ class Noise(NamedTuple):
 _SUPPLY_BROKEN, _SIGNAL_BROKEN = 1, 2  # places among the choices of load_cell.wire
 
 
-def load_cell_count(cell: Any) -> float:
-    """Force [N] of one converter count: the range, to both sides, over 2^bits."""
-    return float(2.0 * cell.capacity / (1 << cell.adc_bits))
-
-
 def configure(mechanism: Any, p: Parameters) -> None:
     """Put what follows for the amplifier into the record ``mechanism``."""
-    mechanism.count = load_cell_count(p.load_cell)
+    mechanism.count = p.load_cell.count
     mechanism.filter_blend = 1.0 - math.exp(-2.0 * math.pi * p.load_cell.filter_bandwidth * mechanism.tick)
     mechanism.creep_blend = 1.0 - math.exp(-mechanism.tick / p.load_cell.creep_time)
 
