@@ -89,7 +89,7 @@ stop_angle = 0.24
 TILTED = (
     {"rod_angle": 0.4, "crank_angle": 0.3, "arm_angle": -0.1},
     {"rod_angle": 1.5, "crank_angle": 1.4, "arm_angle": 1.6, "rod": 0.4},
-    {"rod_angle": -0.3, "crank_angle": -0.3, "arm_angle": -0.2, "rod": 0.3},
+    {"rod_angle": 0.3, "crank_angle": -0.3, "arm_angle": -0.2, "rod": 0.4, "arm": 0.12, "rod_column_mass": 2.0},
 )
 
 
