@@ -362,3 +362,29 @@ def test_a_drive_that_sings_is_said(command: str, tmp_path: Path, monkeypatch: p
     loud, calm = (CliRunner().invoke(main, [w.format(f) for w in words]) for f in ("loud.toml", "calm.toml"))
     assert re.search(r"^warning: (loud: )?the drive itself is unstable at 6\d\d Hz", loud.stderr, re.MULTILINE)
     assert "the drive itself" not in calm.stderr
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_the_drive_of_a_random_rig_does_not_sing(seed: int) -> None:
+    """Motors of mechanical time constants from 0.7 to 10 ms, none to two stages, on controls up to absurdly heavy."""
+    rng = np.random.default_rng(seed)
+
+    def between(low: float, high: float) -> float:
+        return float(low * (high / low) ** rng.random())
+
+    constant, stall, stages = between(0.1, 5.0), between(0.3, 30.0), int(rng.integers(3))
+    resistance = constant**2 / stall * between(3.0, 20.0)
+    rotor = 1e4 * between(7e-4, 1e-2) * constant**2 / (1.5 * resistance)
+    gearbox = "" if stages == 0 else (
+        f"[[data_sheet.gearbox]]\nratio = {between(2, 40)}\nstages = {stages}\nefficiency = 0.9\n"
+        f"stiffness_Nm_per_arcmin = {between(0.3, 30)}\ninertia_kgcm2 = {between(0.05, 1) * rotor}\n"
+    )  # fmt: skip
+    p = parse_rig(
+        f"{BARE}[data_sheet]\n{'' if stages else 'gearbox = []'}\n[data_sheet.motor]\nstall_torque_Nm = {stall}\n"
+        f"torque_constant_Nm_per_A = {constant}\nresistance_ohm = {resistance}\nrotor_inertia_kgcm2 = {rotor}\n"
+        f"electrical_time_constant_ms = {between(0.5, 8)}\n{gearbox}[parameters.load_cell]\n"
+        f"stiffness = {between(1e5, 2e7)}\n[parameters.column]\ninertia = {between(0.01, 5)}\nmass = 0.5\n"
+        "mass_height = 0.1\n"
+    ).parameters
+    assert drive_alone(p) == ""
+    assert all(drive_growth(p, Hand(squeeze)) < 0.0 for squeeze in (0.0, 0.5, 1.0))

@@ -34,8 +34,8 @@ from cls_bench.rigs.modes import chain, resonances
 GAIN_MARGIN = 1.5
 """Factor by which the drive's own loop could bear more gain."""
 
-LEAST_SHARE = 0.05
-"""Of the thesis's bandwidths: what is undamped bears no gain at all, and a drive that does nothing helps nobody."""
+LEAST_SHARE = 0.001
+"""Of the thesis's bandwidths: a resonance that nothing damps bears no gain at all."""
 
 BANDWIDTHS = ("drive.velocity_bandwidth", "drive.position_bandwidth")
 """What the rules give if the rig's file does not."""
