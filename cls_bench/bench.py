@@ -8,12 +8,11 @@ import math
 import platform
 import threading
 import warnings
-import weakref
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cached_property
-from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -21,10 +20,11 @@ from numpy.typing import NDArray
 
 from cls_bench import tick
 from cls_bench.axis import AXIS, NUMBERS, forget, set_parameters
-from cls_bench.compiled import JIT, Callback, records
+from cls_bench.compiled import JIT, records
 from cls_bench.control import plc, servo
+from cls_bench.control.outer_loop import Asking, OuterLoop
 from cls_bench.controllers import failure_of
-from cls_bench.errors import BenchError, ControllerError, ExitCode, InputError, one_line
+from cls_bench.errors import BenchError, ExitCode, InputError
 from cls_bench.geometry import Geom
 from cls_bench.hand import HandSamples
 from cls_bench.parameters import Parameters, leaves
@@ -38,43 +38,6 @@ from cls_bench.trace import Buffers
 
 LONGEST_BLOCK = 0.2
 """Longest block [s]. A killed run loses at most this much."""
-
-
-class Inputs(NamedTuple):
-    """What a user's outer loop is given every 400 µs: measurements, never the plant's state."""
-
-    time: float
-    """since the start of the run [s]"""
-    torque: float
-    """pilot torque from the load cell, T_meas, unbalance removed [N·m]"""
-    force: float
-    """force in the connecting rod [N]"""
-    angle: float
-    """column angle from the motor encoder [rad]"""
-    velocity: float
-    """column velocity from the motor encoder [rad/s]"""
-
-
-class Command(NamedTuple):
-    """What it answers: set values of the column."""
-
-    angle: float
-    """[rad]"""
-    velocity: float = 0.0
-    """[rad/s]"""
-    acceleration: float = 0.0
-    """[rad/s²]"""
-    torque: float = 0.0
-    """additional torque at the column, fed forward to the current controller [N·m]"""
-
-
-@runtime_checkable
-class OuterLoop(Protocol):
-    """A user's own outer loop: a plain Python object."""
-
-    def step(self, inputs: Inputs) -> Command:
-        """Called every 400 µs while the drive is on."""
-        ...
 
 
 class DivergedError(BenchError):
@@ -166,7 +129,10 @@ class Bench:
         self._posed = poses
         self._bodies, self.body_names = _bodies(self._built if poses else {})
         self._warned = np.zeros(1, np.int64)
-        self._outer_loop = _Asking(self._controllers, memory, tuple(self._built), self.clock.tick_s)
+        self._outer_loop = Asking(
+            [self._controllers.get(name) for name in self._built],
+            [memory[a : a + 1]["controller"]["state"] for a in range(len(memory))], self.clock.tick_s, failure_of,
+        )  # fmt: skip
         self.reset(seed=seed)
 
     def reset(self, parameters: Parameters | Mapping[str, Parameters] | None = None, *, seed: int = 0) -> None:
@@ -198,6 +164,7 @@ class Bench:
         self._events: list[Event] = []
         self._tick = 0
         self._warned[0] = 0
+        self._outer_loop.failure = None
         self.failure: BaseException | None = None
         """why the run ended before its time"""
 
@@ -521,84 +488,6 @@ def _hear(message: str) -> None:
         log(message)
     else:  # someone else's simulation
         warnings.warn(message, RuntimeWarning, stacklevel=2)
-
-
-class _Asking:
-    """Asks users' outer loops from within the compiled loop."""
-
-    alive: ClassVar["weakref.WeakSet[_Asking]"] = weakref.WeakSet()
-    """All there are, for whoever watches that the user's code comes back."""
-
-    def __init__(self, controllers: Mapping[str, OuterLoop], memory: Any, axes: Sequence[str], tick_s: float):
-        self.failure: BaseException | None = None
-        """why the loop was stopped"""
-        self.asked = self.answered = -1
-        """tick of the last question and of the last answer"""
-        self.ask = Callback(self._ask)
-        self._tick_s = tick_s
-        # Plain arrays: the fields of a record would take longer to reach than all the rest.
-        states = [memory[a : a + 1]["controller"]["state"] for a in range(len(axes))]
-        self._loops = [
-            (controllers.get(name), state["plc"].view(np.float64), state["feel"].view(np.float64))
-            for name, state in zip(axes, states, strict=True)
-        ]
-        if controllers:
-            self.alive.add(self)
-
-    def _ask(self, number: int) -> int:
-        at, axis = divmod(number, len(self._loops))
-        controller, asked, model = self._loops[axis]
-        force, torque, angle, velocity = asked[:4].tolist()
-        self.asked = at
-        try:
-            command = _answer(controller, Inputs(at * self._tick_s, torque, force, angle, velocity))
-        except BaseException as error:  # none may pass through the compiled loop, not even Ctrl-C
-            self.failure = error
-            return 1
-        finally:
-            self.answered = at
-        asked[4:8] = command
-        model[[0, 1, 3]] = command.angle, command.velocity, torque
-        return 0
-
-
-def _answer(controller: Any, inputs: Inputs) -> Command:
-    """The user's command; ControllerError of one line if there is none that can be used, whatever was raised."""
-    try:
-        answer = controller.step(inputs)
-        command = _command(answer)
-    except BaseException as error:
-        what = f"{type(controller).__name__}.step failed at t = {inputs.time:.4f} s"
-        raise failure_of(what, error) from error
-    if command is None:
-        try:
-            shown = one_line(repr(answer))
-        except BaseException:  # whatever a user's __repr__ may raise
-            shown = f"a {type(answer).__name__}"
-        raise ControllerError(
-            f"{type(controller).__name__}.step returned {shown} at t = {inputs.time:.4f} s; "
-            f"a Command of finite numbers is valid: {', '.join(Command._fields)}"
-        )
-    return command
-
-
-def _command(answer: Any) -> Command | None:
-    """The answer as finite floats; None if it is no Command, or not of numbers."""
-    if type(answer) is Command and set(map(type, answer)) == _FLOATS and math.isfinite(sum(answer)):
-        return answer
-    if not isinstance(answer, (tuple, list, np.ndarray)) or not 1 <= len(answer) <= len(Command._fields):
-        return None
-    numbers = list(answer)
-    if not all(isinstance(x, (int, float, np.integer, np.floating)) and not isinstance(x, bool) for x in numbers):
-        return None
-    try:
-        command = Command(*map(float, numbers))
-    except OverflowError:
-        return None
-    return command if all(map(math.isfinite, command)) else None
-
-
-_FLOATS = {float}
 
 
 def versions() -> dict[str, str]:

@@ -12,9 +12,10 @@ from click.testing import CliRunner
 from cls_bench import bench as bench_module
 from cls_bench import experiment
 from cls_bench.axis import AXIS, NUMBERS
-from cls_bench.bench import Bench, Command, DivergedError
+from cls_bench.bench import Bench, DivergedError
 from cls_bench.cli import main
 from cls_bench.control import limits, plc, validity
+from cls_bench.control.outer_loop import Command
 from cls_bench.drivers import scripted
 from cls_bench.parameters import CONTROL, Parameters, leaves
 from cls_bench.plant import mechanism

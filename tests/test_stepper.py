@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from cls_bench.bench import Bench, Command, DivergedError
+from cls_bench.bench import Bench, DivergedError
+from cls_bench.control.outer_loop import Command
 from cls_bench.errors import InputError
 from cls_bench.parameters import Parameters
 from cls_bench.plant import model as plant_model

@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cls_bench.analysis.growth import Mode, modes
-from cls_bench.bench import Bench, DivergedError, OuterLoop
+from cls_bench.bench import Bench, DivergedError
+from cls_bench.control.outer_loop import OuterLoop
 from cls_bench.errors import InputError
 from cls_bench.linear.bench import SLOW
 from cls_bench.linear.variation import Setup
