@@ -7,6 +7,7 @@ import pytest
 
 from cls_bench.bench import Bench, DivergedError
 from cls_bench.control.outer_loop import Command
+from cls_bench.drivers import timed
 from cls_bench.errors import InputError
 from cls_bench.parameters import Parameters
 from cls_bench.plant import model as plant_model
@@ -32,7 +33,10 @@ class Fails:
 
 def whole(bench, duration=0.1, **how):
     """All that a run gives: signals, poses and what the log says."""
-    blocks = list(advanced(bench, duration, **how))
+    return all_of(bench, list(advanced(bench, duration, **how)))
+
+
+def all_of(bench, blocks):
     run = collected(bench, blocks)
     return run.signals, np.concatenate([block.poses for block in blocks]), [(e.tick, e.message) for e in run.events]
 
@@ -352,3 +356,26 @@ def test_other_rigs_reset_too(rig):
     whole(bench, 0.1)
     bench.reset(seed=3)
     same(whole(bench, 0.05), fresh)
+
+
+# --- by the clock -----------------------------------------------------------------------------------------------------
+
+
+def test_changes_by_the_clock_are_made_in_order_each_with_its_plc_cycle():
+    bench, made = Bench(Parameters()), []
+
+    def change(at, name):
+        return timed.Change(at, lambda b: made.append((name, b.next_tick)))
+
+    changes = [change(0.0302, "d"), change(0.01, "b"), change(0.01, "c"), change(0.0, "a"), change(0.9, "never")]
+    hands = []
+
+    def hand(first, ticks):
+        hands.append((first, ticks))
+        return swaying(first, ticks, 0.1, 3.0)
+
+    blocks = list(timed.run(bench, hand, changes, 0.2501))
+    assert made == [("a", 0), ("b", 200), ("c", 200), ("d", 608)]
+    assert hands == [(0, 200), (200, 408), (608, 4000), (4608, 400)]  # 5002 ticks, in whole PLC cycles
+    assert [(b.first_tick, b.ticks) for b in blocks] == hands
+    same(whole(Bench(Parameters()), 0.2501), all_of(bench, blocks))
