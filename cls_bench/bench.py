@@ -127,7 +127,9 @@ class Bench:
         words = memory.view(np.float64, np.ndarray).reshape(len(memory), -1)
         self._watched = tick.Watched(words, NUMBERS[0].words, NUMBERS[1].words)
         self._posed = poses
-        self._bodies, self.body_names = _bodies(self._built if poses else {})
+        self.body_names = mjcf.body_names(self._built)
+        """names of the drawn bodies, world first"""
+        self._bodies = _bodies(self._built if poses else {})
         self._warned = np.zeros(1, np.int64)
         self._outer_loop = Asking(
             [self._controllers.get(name) for name in self._built],
@@ -138,18 +140,19 @@ class Bench:
     def reset(self, parameters: Parameters | Mapping[str, Parameters] | None = None, *, seed: int = 0) -> None:
         """Go back to standstill at neutral, as if made anew, with other ``parameters`` if given.
 
-        They need the same stages and rates as before: ValueError otherwise. Raises InputError as :class:`Bench` does.
+        They need the same axes, stages, kind of linkage and rates as before: ValueError otherwise. Raises InputError
+        as :class:`Bench` does.
         """
         if parameters is not None:
             built = {"": parameters} if isinstance(parameters, Parameters) else dict(parameters)
             if self._shape(built) != self._shape(self._built):
-                raise ValueError("other axes, stages, rates or substeps need a new bench")
+                raise ValueError("other axes, stages, rates, substeps or another kind of linkage need a new bench")
             for p in built.values():
                 check_step(p)
             self._built = built
             self.__dict__.pop("_drawn", None)
             if self._posed:
-                self._bodies, _ = _bodies(built)
+                self._bodies = _bodies(built)
         self.parameters_of = dict(self._built)
         """parameters of each axis as they are now, by name"""
         mujoco.mj_resetData(self.model, self.data)
@@ -170,7 +173,7 @@ class Bench:
 
     @staticmethod
     def _shape(built: Mapping[str, Parameters]) -> Any:
-        return [(name, p.gearbox.stages, p.rates, p.simulation) for name, p in built.items()]
+        return [(name, p.gearbox.stages, p.linkage.kind, p.rates, p.simulation) for name, p in built.items()]
 
     @property
     def time(self) -> float:
@@ -196,15 +199,19 @@ class Bench:
         """Have the loop's machine code ready: compiled once for each version of the sources, then from the cache."""
         none = np.zeros((0, len(self.axes)))
         hand = tick.Hand(none, none, none, none.astype(np.bool_), none.astype(np.bool_), none)
-        empty = Buffers(self.clock, len(self.axes), len(self.body_names), 0, 0)
+        empty = Buffers(self.clock, len(self.axes), len(self._bodies.axis), 0, 0)
         self._advance(hand, sensors.Noise(*[none] * len(sensors.Noise._fields)), empty.part(0, 0), 0)
 
     @property
     def mjcf(self) -> Mapping[str, bytes]:
-        """The complete model as run, and the files it was made from, by file name."""
+        """The bench as a complete MJCF for viewers and pictures, and the files it was made from, by file name.
+
+        It is the same rig in MuJoCo's own elements (:mod:`cls_bench.plant.mjcf`), with shapes, tendons and a linkage
+        closed by a constraint; what is stepped is :attr:`model` under the laws of :mod:`cls_bench.plant`.
+        """
         files = {name: (model_folder() / name).read_bytes() for name in ("cls_bench.xml", "scene.xml")}
         spec, _ = self._drawn
-        return {"bench_as_run.xml": spec.to_xml().encode(), **files}
+        return {"bench.xml": spec.to_xml().encode(), **files}
 
     @cached_property
     def _drawn(self) -> tuple[mujoco.MjSpec, Any]:
@@ -326,7 +333,7 @@ class Bench:
         """Trace buffers for the block, cut from room that is made for the longest one."""
         room = self._buffers
         if room is None or first + ticks > room.first_tick + room.ticks:
-            room = Buffers(self.clock, len(self.axes), len(self.body_names), first, max(self.block_ticks, ticks))
+            room = Buffers(self.clock, len(self.axes), len(self._bodies.axis), first, max(self.block_ticks, ticks))
             self._buffers = room
         return room.part(first, ticks)
 
@@ -424,9 +431,9 @@ def _check_together(built: Mapping[str, Parameters]) -> None:
                 )
 
 
-def _bodies(built: Mapping[str, Parameters]) -> tuple[tick.Bodies, tuple[str, ...]]:
-    """How the drawn bodies lie and what turns them, and their names, world first."""
-    found = [("world", 0, -1, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))]
+def _bodies(built: Mapping[str, Parameters]) -> tick.Bodies:
+    """How the drawn bodies lie and what turns them, world first."""
+    found = [(0, -1, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))]
     across = mjcf.places(built)
     for a, (axis, p) in enumerate(built.items()):
         shafts = {name: f"shaft{k}" for k, name in enumerate(plant_model.shaft_names(p.gearbox.stages))}
@@ -434,9 +441,9 @@ def _bodies(built: Mapping[str, Parameters]) -> tuple[tick.Bodies, tuple[str, ..
         for body in mjcf.rest(p, axis, across[axis]):
             place = mechanism.ANGLES.index("rod_end" if body.name.endswith("rod_end") else
                                            shafts.get(body.turned_by, body.turned_by))
-            found.append((body.name, a, place, body.position, body.quaternion))
-    names, axes, angles, places, turns = zip(*found, strict=True)
-    return tick.Bodies(np.array(axes), np.array(angles), np.array(places), np.array(turns)), names
+            found.append((a, place, body.position, body.quaternion))
+    axes, angles, places, turns = zip(*found, strict=True)
+    return tick.Bodies(np.array(axes), np.array(angles), np.array(places), np.array(turns))
 
 
 class _Streams:

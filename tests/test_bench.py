@@ -108,7 +108,7 @@ def test_a_bench_runs_once():
 
 def test_the_model_travels_complete():
     bench = Bench(Parameters(column=Column(inertia=0.05)))
-    model = mujoco.MjModel.from_xml_string(bench.mjcf["bench_as_run.xml"].decode())
+    model = mujoco.MjModel.from_xml_string(bench.mjcf["bench.xml"].decode())
     assert [model.body(k).name for k in range(model.nbody)] == list(bench.body_names)
     stepped = bench.model
     for joint in ("motor", "carrier1"):

@@ -1,6 +1,7 @@
 """The bench as a stepper: start, advance, change, reset; after a reset it is as if made anew, without being made."""
 
 import math
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -12,6 +13,8 @@ from cls_bench.errors import InputError
 from cls_bench.parameters import Parameters
 from cls_bench.plant import model as plant_model
 from cls_bench.rigs import find_rig
+from cls_bench.scenario import parse_scenario
+from cls_bench.sweep.runs import ScenarioAt
 from tests.running import advanced, collected, hold, off, parameters, swaying
 
 FAULTY = {"load_cell.spike_rate": 300.0, "load_cell.spike": 5.0, "plc.frame_loss": 0.1, "load_cell.drift": 0.5}
@@ -209,7 +212,7 @@ def test_with_other_parameters_it_is_a_bench_of_those(monkeypatch):
 
 
 @pytest.mark.parametrize("values", [
-    {"gearbox.stages": 1}, {"rates.plc_cycle": 800e-6}, {"simulation.substeps": 2},
+    {"gearbox.stages": 1}, {"rates.plc_cycle": 800e-6}, {"simulation.substeps": 2}, {"linkage.kind": "none"},
 ])  # fmt: skip
 def test_what_needs_another_model_or_clock_needs_a_new_bench(values, fresh):
     bench = Bench(Parameters(), seed=3)
@@ -218,6 +221,29 @@ def test_what_needs_another_model_or_clock_needs_a_new_bench(values, fresh):
     with pytest.raises(ValueError, match="need a new bench"):
         bench.reset({"pitch": Parameters()})
     same(whole(bench), fresh)  # a refusal leaves it as it was
+
+
+@pytest.mark.parametrize("kind", ["four_bar", "none"])
+def test_shapes_and_names_do_not_depend_on_recorded_poses(kind):
+    p = parameters({"linkage.kind": kind, "nameplate.linkage": kind})
+    with_poses, without = Bench(p), Bench(p, poses=False)
+    assert without.geoms == with_poses.geoms
+    assert without.body_names == with_poses.body_names
+    assert ("rod" in without.body_names) == (kind == "four_bar")
+    without.start()
+    assert without.advance(hold(8)).poses.shape == (1, 1, 7)  # the world alone
+
+
+@pytest.mark.parametrize("heights", [(0.0, 0.04, 0.08), (0.08, 0.0, 0.04)])
+def test_any_unbalance_in_one_bench_after_another(heights):
+    """Without a linkage nothing else turns a body whose weight lies on its axis, which MuJoCo would take for good."""
+    rigs = [parameters({
+        "linkage.kind": "none", "nameplate.linkage": "none", "column.mass_height": height,
+    }) for height in heights]  # fmt: skip
+    bench = Bench(rigs[0])
+    for p in rigs:
+        bench.reset(p, seed=3)
+        same(whole(bench, 0.05), whole(Bench(p, seed=3), 0.05))
 
 
 def test_a_reset_to_parameters_that_cannot_be_stepped_is_refused_and_leaves_it(fresh):
@@ -379,3 +405,25 @@ def test_changes_by_the_clock_are_made_in_order_each_with_its_plc_cycle():
     assert hands == [(0, 200), (200, 408), (608, 4000), (4608, 400)]  # 5002 ticks, in whole PLC cycles
     assert [(b.first_tick, b.ticks) for b in blocks] == hands
     same(whole(Bench(Parameters()), 0.2501), all_of(bench, blocks))
+
+
+def test_a_sweep_over_kinds_of_linkage_rigs_and_unbalance_is_right_at_every_point():
+    """Points of one thread share a bench where they can: each gives what it gives on a bench of its own."""
+    scenario = parse_scenario(
+        'title = "t"\nduration = 0.1\nhand = [{at = 0.0, kind = "sine", amplitude_deg = 4.0, frequency = 5.0}]\n'
+        '[[checks]]\nname = "torque"\nmetric = "rms"\nsignal = "/column.torque"\nwindow = [0.02, 0.1]\n'
+    )
+    evaluate = ScenarioAt(scenario, {name: find_rig(name) for name in ("thesis", "aileron")})
+    none = {"linkage.kind": "none", "nameplate.linkage": "none"}
+    points = [
+        {}, none, {"linkage.kind": "four_bar"}, {"linkage.kind": "none"}, {"rig": "aileron"}, {"rig": "thesis"},
+        *[{**none, "column.mass_height": height} for height in (0.0, 0.04, 0.08, 0.0)],
+    ]  # fmt: skip
+    together = [evaluate(point) for point in points]
+    alone = []
+    for point in points:
+        with ThreadPoolExecutor(1) as pool:  # a thread has no bench yet
+            alone.append(pool.submit(evaluate, point).result())
+    assert together == alone
+    assert all(math.isfinite(found["torque"]) for found in together)
+    assert len({found["torque"] for found in together}) == 7  # the thesis's rig is there three times, a height twice
