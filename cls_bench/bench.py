@@ -27,7 +27,7 @@ from cls_bench.controllers import failure_of
 from cls_bench.errors import BenchError, ExitCode, InputError
 from cls_bench.geometry import Geom
 from cls_bench.hand import HandSamples
-from cls_bench.parameters import Parameters, leaves
+from cls_bench.parameters import Parameters, Simulation, leaves
 from cls_bench.plant import mechanism, mjcf, sensors, state
 from cls_bench.plant import model as plant_model
 from cls_bench.resources import model_folder
@@ -69,7 +69,8 @@ class Bench:
     """One axis or several with one set of parameters each, from standstill at neutral.
 
     ``parameters`` are those of the only axis, or of each by name. ``seed`` seeds the sensors' noise; each sensor has a
-    random stream of its own. ``controller`` replaces the feel model in the PLC by a user's own outer loop, or those of
+    random stream of its own. Axes whose plants need steps of different length are stepped by the shortest.
+    ``controller`` replaces the feel model in the PLC by a user's own outer loop, or those of
     some axes by name. Without ``poses`` the bodies' are left out, which a sweep has no use for. Raises
     :class:`InputError` if the parameters make a model that cannot be stepped, and MemoryError.
     """
@@ -89,10 +90,11 @@ class Bench:
         for name in self._controllers:
             if name not in self._built:
                 raise InputError(f"controller of axis {name!r}: there is {', '.join(map(repr, self._built))}")
+        self._simulation = _finest(self._built)
         for p in self._built.values():
-            check_step(p)
+            check_step(self._stepped(p))
         try:
-            self.model: Any = plant_model.build(self._built)
+            self.model: Any = plant_model.build({name: self._stepped(p) for name, p in self._built.items()})
         except ValueError as error:
             if "allocate" in str(error):  # MuJoCo tells of it as of a wrong model
                 raise MemoryError("no memory is left for the model") from None
@@ -103,7 +105,7 @@ class Bench:
         self.clock = first.rates.clock
         self._cycles = tick.Cycles(
             self.clock.velocity_ticks, self.clock.position_ticks, self.clock.bus_ticks, self.clock.plc_ticks,
-            self.clock.drive_ticks, self.clock.pose_ticks, first.simulation.substeps,
+            self.clock.drive_ticks, self.clock.pose_ticks, self._simulation.substeps,
         )  # fmt: skip
         self.block_ticks = max(1, round(LONGEST_BLOCK / self.clock.plc_s)) * self.clock.plc_ticks
         """longest block that :meth:`advance` runs [ticks]"""
@@ -148,7 +150,7 @@ class Bench:
             if self._shape(built) != self._shape(self._built):
                 raise ValueError("other axes, stages, rates, substeps or another kind of linkage need a new bench")
             for p in built.values():
-                check_step(p)
+                check_step(self._stepped(p))
             self._built = built
             self.__dict__.pop("_drawn", None)
             if self._posed:
@@ -173,7 +175,11 @@ class Bench:
 
     @staticmethod
     def _shape(built: Mapping[str, Parameters]) -> Any:
-        return [(name, p.gearbox.stages, p.linkage.kind, p.rates, p.simulation) for name, p in built.items()]
+        return _finest(built), [(name, p.gearbox.stages, p.linkage.kind, p.rates) for name, p in built.items()]
+
+    def _stepped(self, p: Parameters) -> Parameters:
+        """The parameters of an axis with the steps in which all are stepped."""
+        return p if p.simulation == self._simulation else p.model_copy(update={"simulation": self._simulation})
 
     @property
     def time(self) -> float:
@@ -240,7 +246,7 @@ class Bench:
 
     def _apply(self, axis: Axis, parameters: Parameters) -> None:
         """Take over ``parameters``, at the start or for a change of live ones in mid-run."""
-        set_parameters(axis.record, parameters)
+        set_parameters(axis.record, self._stepped(parameters))
         self.parameters_of[axis.name] = parameters
         plant_model.set_weights(self.model, axis.name, parameters)
         now = self.parameters_of.values()
@@ -259,7 +265,8 @@ class Bench:
     ) -> None:  # fmt: skip
         """Change live parameters of an axis, its drive's mode or power, from the next tick on; the log says so.
 
-        Raises InputError, and changes nothing, for a parameter that is not live and a mode or power that is none.
+        Raises InputError, and changes nothing, for a parameter that is not live or that the plant's step cannot carry,
+        and a mode or power that is none.
         """
         changed = self._named(axis)
         state_record = changed.record.controller.state
@@ -268,13 +275,11 @@ class Bench:
                 raise InputError(f"{name} {value!r} is not valid; give one of {', '.join(valid)}")
         said = []
         if parameters is not None:
-            for (key, new, info), (_, old, _) in zip(
-                leaves(parameters), leaves(self.parameters_of[axis]), strict=True
-            ):  # fmt: skip
-                if new != old:
-                    if not info["live"]:
-                        raise InputError(f"parameters.{key}: holds for the whole run; reset the bench with another")
-                    said.append(f"{key} = {new}" + ("" if info["unit"] == "1" else f" {info['unit']}"))
+            for key, new, info in _differences(parameters, self.parameters_of[axis]):
+                if not info["live"]:
+                    raise InputError(f"parameters.{key}: holds for the whole run; reset the bench with another")
+                said.append(f"{key} = {new}" + ("" if info["unit"] == "1" else f" {info['unit']}"))
+            check_step(self._stepped(parameters))
             self._apply(changed, parameters)
         if mode is not None:
             state_record.servo.mode = servo.MODES.index(mode)
@@ -414,6 +419,16 @@ class Bench:
         return min(found, default=None)
 
 
+def _differences(new: Parameters, old: Parameters) -> Iterator[tuple[str, Any, Mapping[str, Any]]]:
+    """Keys of ``new`` whose values are not those of ``old``, with the values and what there is to say of them."""
+    for section in Parameters.model_fields:
+        ours, theirs = getattr(new, section), getattr(old, section)
+        if ours != theirs:
+            for (key, value, about), (_, was, _) in zip(leaves(ours), leaves(theirs), strict=True):
+                if value != was:
+                    yield f"{section}.{key}", value, about
+
+
 def _check_together(built: Mapping[str, Parameters]) -> None:
     """Raise InputError unless the axes can be stepped in one model."""
     if not built:
@@ -424,11 +439,13 @@ def _check_together(built: Mapping[str, Parameters]) -> None:
             raise InputError("of several axes each has a name")
         if name and not is_axis(name):
             raise InputError(f"axis {name!r}: a name is up to 20 of a–z, 0–9 and _, a letter first")
-        for section in ("rates", "simulation"):
-            if getattr(p, section) != getattr(first, section):
-                raise InputError(
-                    f"axis {name!r}: parameters.{section} differs from that of {first_name!r}; one clock runs all"
-                )
+        if p.rates != first.rates:
+            raise InputError(f"axis {name!r}: parameters.rates differs from that of {first_name!r}; one clock runs all")
+
+
+def _finest(built: Mapping[str, Parameters]) -> Simulation:
+    """How axes in one model are stepped: as the one that needs the most steps in a tick."""
+    return max((p.simulation for p in built.values()), key=lambda simulation: simulation.substeps)
 
 
 def _bodies(built: Mapping[str, Parameters]) -> tick.Bodies:

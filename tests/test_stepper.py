@@ -6,10 +6,13 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
+from cls_bench import tick
 from cls_bench.bench import Bench, DivergedError
+from cls_bench.compiled import JIT
 from cls_bench.control.outer_loop import Command
 from cls_bench.drivers import timed
 from cls_bench.errors import InputError
+from cls_bench.hand import HandSamples
 from cls_bench.parameters import Parameters
 from cls_bench.plant import model as plant_model
 from cls_bench.rigs import find_rig
@@ -327,6 +330,33 @@ def test_without_a_start_the_drive_is_off():
     assert bench.advance(swaying(0, 800, 0.2, 5.0))["/drive.voltage"].any()
 
 
+@pytest.mark.parametrize("axes", [1, 2])
+def test_hands_in_any_layout_run_the_same_machine_code(axes):
+    """Strided, read-only or of another type: the loop is not compiled anew for it."""
+
+    def odd(hand):
+        values = dict(vars(hand))
+        values["angle"] = np.repeat(hand.angle, 2)[::2]
+        values["force"] = hand.force.astype(np.float32)
+        values["squeeze"] = hand.squeeze.copy()
+        values["squeeze"].flags.writeable = False
+        values["velocity"] = np.broadcast_to(hand.velocity, (3, len(hand.velocity)))[1]
+        values["attached"] = hand.attached.astype(np.int64)
+        values["motion"] = np.repeat(hand.motion, 3)[::3]
+        return HandSamples(**values)
+
+    found, compiled = [], None
+    for change in (lambda hand: hand, odd):
+        bench = Bench({f"axis{k}": Parameters() for k in range(axes)}, seed=3)
+        bench.start()
+        block = bench.advance([change(swaying(0, 800, 0.1, 4.0)) for _ in range(axes)])
+        found.append(block["/axis0/column.angle"])
+        if JIT:
+            assert compiled in (None, len(tick.advance.signatures))
+            compiled = len(tick.advance.signatures)
+    np.testing.assert_array_equal(*found)
+
+
 # --- changes ----------------------------------------------------------------------------------------------------------
 
 
@@ -352,6 +382,8 @@ def test_a_change_of_a_live_parameter_says_what_and_from_when():
     ({"parameters": {"motor.resistance": 5.0}}, "parameters.motor.resistance: holds for the whole run"),
     ({"parameters": {"feel.inertia": 0.5}, "mode": "force"},
      "mode 'force' is not valid; give one of position, velocity, torque, off"),
+    ({"parameters": {"feel.inertia": 0.5, "limb.tight_stiffness": 3e8}},
+     "parameters.limb.tight_stiffness: 3e+08 N/m is too high for a plant step of 50 µs"),
     ({"mode": "torque", "power": "onn"}, "power 'onn' is not valid; give one of on, off"),
 ])  # fmt: skip
 def test_a_change_that_cannot_be_made_changes_nothing(fresh, parts, says):
@@ -363,6 +395,17 @@ def test_a_change_that_cannot_be_made_changes_nothing(fresh, parts, says):
         bench.change(**given)
     assert says in str(refused.value)
     same(whole(bench), fresh)
+
+
+def test_a_change_knows_the_steps_that_the_bench_takes():
+    stiff = {"limb.tight_stiffness": 3e8}
+    with pytest.raises(InputError, match=r"tight_stiffness: 3e\+08 N/m is too high for a plant step of 50 µs"):
+        Bench(Parameters()).change(parameters(stiff))
+    finer = {"simulation.substeps": 4}
+    Bench(parameters(finer)).change(parameters({**finer, **stiff}))
+    beside = Bench({"pitch": Parameters(), "roll": parameters(finer)})
+    beside.change(parameters(stiff), axis="pitch")  # stepped as the other one needs it
+    assert beside.parameters_of["pitch"] == parameters(stiff)
 
 
 def test_a_change_at_the_start_is_another_start():
