@@ -8,7 +8,8 @@ import mujoco
 from benchmarks.conftest import Comparison, ratio
 from benchmarks.versions import BEFORE, HERE, before, processes
 from benchmarks.worker import blocks, sway
-from cls_bench.bench import Bench, Command, Inputs
+from cls_bench.bench import Bench
+from cls_bench.control.outer_loop import Command, Inputs
 
 STEPS = 20_000
 

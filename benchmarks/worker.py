@@ -104,7 +104,9 @@ def run(kind: str) -> Callable[[], float]:
             return time.perf_counter() - start
         shutil.rmtree(folder, ignore_errors=True)
         given = ({},) if "controller" in inspect.signature(run_info).parameters else ()
-        with Recorder(folder / "run", run_info(scenario, bench, *given), rerun=kind == "both") as recorder:
+        topics = {"topics": bench.topics} if "topics" in inspect.signature(Recorder).parameters else {}
+        info = run_info(scenario, bench, *given)
+        with Recorder(folder / "run", info, rerun=kind == "both", **topics) as recorder:
             start = time.perf_counter()
             for block in blocks(bench, scenario):
                 recorder.write(block)

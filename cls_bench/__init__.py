@@ -4,7 +4,8 @@ TYPE_CHECKING = False  # the command line takes over the signals before it impor
 if TYPE_CHECKING:
     from typing import Any
 
-    from cls_bench.bench import Bench, Command, Inputs, OuterLoop
+    from cls_bench.bench import Bench
+    from cls_bench.control.outer_loop import Command, Inputs, OuterLoop
     from cls_bench.experiment import Result, run
     from cls_bench.parameters import Parameters
     from cls_bench.recording import Recording
@@ -12,7 +13,8 @@ if TYPE_CHECKING:
     from cls_bench.scenario import Scenario, load_scenario, parse_scenario
 
 _HOMES = {
-    "Bench": "bench", "Command": "bench", "Inputs": "bench", "OuterLoop": "bench",
+    "Bench": "bench",
+    "Command": "control.outer_loop", "Inputs": "control.outer_loop", "OuterLoop": "control.outer_loop",
     "Parameters": "parameters",
     "Recording": "recording",
     "Rig": "rigs", "load_rig": "rigs",

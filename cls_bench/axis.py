@@ -40,7 +40,7 @@ def set_parameters(axis: Any, p: Parameters) -> None:
     for name in CONTROL:
         axis.controller.parameters[name] = values_of(getattr(p, name))
     try:
-        configure(axis.controller.design, axis.controller.parameters, p)
+        configure(axis.controller.design, axis.controller.parameters, p.for_control)
     except ValueError as error:
         raise InputError(f"parameters.nameplate: {error}") from None
 

@@ -8,12 +8,11 @@ import math
 import platform
 import threading
 import warnings
-import weakref
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cached_property
-from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -21,13 +20,14 @@ from numpy.typing import NDArray
 
 from cls_bench import tick
 from cls_bench.axis import AXIS, NUMBERS, forget, set_parameters
-from cls_bench.compiled import JIT, Callback, records
+from cls_bench.compiled import JIT, records
 from cls_bench.control import plc, servo
+from cls_bench.control.outer_loop import Asking, OuterLoop
 from cls_bench.controllers import failure_of
-from cls_bench.errors import BenchError, ControllerError, ExitCode, InputError, one_line
+from cls_bench.errors import BenchError, ExitCode, InputError
 from cls_bench.geometry import Geom
 from cls_bench.hand import HandSamples
-from cls_bench.parameters import Parameters, leaves
+from cls_bench.parameters import Parameters, Simulation, leaves
 from cls_bench.plant import mechanism, mjcf, sensors, state
 from cls_bench.plant import model as plant_model
 from cls_bench.resources import model_folder
@@ -38,43 +38,6 @@ from cls_bench.trace import Buffers
 
 LONGEST_BLOCK = 0.2
 """Longest block [s]. A killed run loses at most this much."""
-
-
-class Inputs(NamedTuple):
-    """What a user's outer loop is given every 400 µs: measurements, never the plant's state."""
-
-    time: float
-    """since the start of the run [s]"""
-    torque: float
-    """pilot torque from the load cell, T_meas, unbalance removed [N·m]"""
-    force: float
-    """force in the connecting rod [N]"""
-    angle: float
-    """column angle from the motor encoder [rad]"""
-    velocity: float
-    """column velocity from the motor encoder [rad/s]"""
-
-
-class Command(NamedTuple):
-    """What it answers: set values of the column."""
-
-    angle: float
-    """[rad]"""
-    velocity: float = 0.0
-    """[rad/s]"""
-    acceleration: float = 0.0
-    """[rad/s²]"""
-    torque: float = 0.0
-    """additional torque at the column, fed forward to the current controller [N·m]"""
-
-
-@runtime_checkable
-class OuterLoop(Protocol):
-    """A user's own outer loop: a plain Python object."""
-
-    def step(self, inputs: Inputs) -> Command:
-        """Called every 400 µs while the drive is on."""
-        ...
 
 
 class DivergedError(BenchError):
@@ -106,7 +69,8 @@ class Bench:
     """One axis or several with one set of parameters each, from standstill at neutral.
 
     ``parameters`` are those of the only axis, or of each by name. ``seed`` seeds the sensors' noise; each sensor has a
-    random stream of its own. ``controller`` replaces the feel model in the PLC by a user's own outer loop, or those of
+    random stream of its own. Axes whose plants need steps of different length are stepped by the shortest.
+    ``controller`` replaces the feel model in the PLC by a user's own outer loop, or those of
     some axes by name. Without ``poses`` the bodies' are left out, which a sweep has no use for. Raises
     :class:`InputError` if the parameters make a model that cannot be stepped, and MemoryError.
     """
@@ -126,10 +90,11 @@ class Bench:
         for name in self._controllers:
             if name not in self._built:
                 raise InputError(f"controller of axis {name!r}: there is {', '.join(map(repr, self._built))}")
+        self._simulation = _finest(self._built)
         for p in self._built.values():
-            check_step(p)
+            check_step(self._stepped(p))
         try:
-            self.model: Any = plant_model.build(self._built)
+            self.model: Any = plant_model.build({name: self._stepped(p) for name, p in self._built.items()})
         except ValueError as error:
             if "allocate" in str(error):  # MuJoCo tells of it as of a wrong model
                 raise MemoryError("no memory is left for the model") from None
@@ -140,7 +105,7 @@ class Bench:
         self.clock = first.rates.clock
         self._cycles = tick.Cycles(
             self.clock.velocity_ticks, self.clock.position_ticks, self.clock.bus_ticks, self.clock.plc_ticks,
-            self.clock.drive_ticks, self.clock.pose_ticks, first.simulation.substeps,
+            self.clock.drive_ticks, self.clock.pose_ticks, self._simulation.substeps,
         )  # fmt: skip
         self.block_ticks = max(1, round(LONGEST_BLOCK / self.clock.plc_s)) * self.clock.plc_ticks
         """longest block that :meth:`advance` runs [ticks]"""
@@ -164,26 +129,32 @@ class Bench:
         words = memory.view(np.float64, np.ndarray).reshape(len(memory), -1)
         self._watched = tick.Watched(words, NUMBERS[0].words, NUMBERS[1].words)
         self._posed = poses
-        self._bodies, self.body_names = _bodies(self._built if poses else {})
+        self.body_names = mjcf.body_names(self._built)
+        """names of the drawn bodies, world first"""
+        self._bodies = _bodies(self._built if poses else {})
         self._warned = np.zeros(1, np.int64)
-        self._outer_loop = _Asking(self._controllers, memory, tuple(self._built), self.clock.tick_s)
+        self._outer_loop = Asking(
+            [self._controllers.get(name) for name in self._built],
+            [memory[a : a + 1]["controller"]["state"] for a in range(len(memory))], self.clock.tick_s, failure_of,
+        )  # fmt: skip
         self.reset(seed=seed)
 
     def reset(self, parameters: Parameters | Mapping[str, Parameters] | None = None, *, seed: int = 0) -> None:
         """Go back to standstill at neutral, as if made anew, with other ``parameters`` if given.
 
-        They need the same stages and rates as before: ValueError otherwise. Raises InputError as :class:`Bench` does.
+        They need the same axes, stages, kind of linkage and rates as before: ValueError otherwise. Raises InputError
+        as :class:`Bench` does.
         """
         if parameters is not None:
             built = {"": parameters} if isinstance(parameters, Parameters) else dict(parameters)
             if self._shape(built) != self._shape(self._built):
-                raise ValueError("other axes, stages, rates or substeps need a new bench")
+                raise ValueError("other axes, stages, rates, substeps or another kind of linkage need a new bench")
             for p in built.values():
-                check_step(p)
+                check_step(self._stepped(p))
             self._built = built
             self.__dict__.pop("_drawn", None)
             if self._posed:
-                self._bodies, _ = _bodies(built)
+                self._bodies = _bodies(built)
         self.parameters_of = dict(self._built)
         """parameters of each axis as they are now, by name"""
         mujoco.mj_resetData(self.model, self.data)
@@ -198,12 +169,17 @@ class Bench:
         self._events: list[Event] = []
         self._tick = 0
         self._warned[0] = 0
+        self._outer_loop.failure = None
         self.failure: BaseException | None = None
         """why the run ended before its time"""
 
     @staticmethod
     def _shape(built: Mapping[str, Parameters]) -> Any:
-        return [(name, p.gearbox.stages, p.rates, p.simulation) for name, p in built.items()]
+        return _finest(built), [(name, p.gearbox.stages, p.linkage.kind, p.rates) for name, p in built.items()]
+
+    def _stepped(self, p: Parameters) -> Parameters:
+        """The parameters of an axis with the steps in which all are stepped."""
+        return p if p.simulation == self._simulation else p.model_copy(update={"simulation": self._simulation})
 
     @property
     def time(self) -> float:
@@ -229,15 +205,19 @@ class Bench:
         """Have the loop's machine code ready: compiled once for each version of the sources, then from the cache."""
         none = np.zeros((0, len(self.axes)))
         hand = tick.Hand(none, none, none, none.astype(np.bool_), none.astype(np.bool_), none)
-        empty = Buffers(self.clock, len(self.axes), len(self.body_names), 0, 0)
+        empty = Buffers(self.clock, len(self.axes), len(self._bodies.axis), 0, 0)
         self._advance(hand, sensors.Noise(*[none] * len(sensors.Noise._fields)), empty.part(0, 0), 0)
 
     @property
     def mjcf(self) -> Mapping[str, bytes]:
-        """The complete model as run, and the files it was made from, by file name."""
+        """The bench as a complete MJCF for viewers and pictures, and the files it was made from, by file name.
+
+        It is the same rig in MuJoCo's own elements (:mod:`cls_bench.plant.mjcf`), with shapes, tendons and a linkage
+        closed by a constraint; what is stepped is :attr:`model` under the laws of :mod:`cls_bench.plant`.
+        """
         files = {name: (model_folder() / name).read_bytes() for name in ("cls_bench.xml", "scene.xml")}
         spec, _ = self._drawn
-        return {"bench_as_run.xml": spec.to_xml().encode(), **files}
+        return {"bench.xml": spec.to_xml().encode(), **files}
 
     @cached_property
     def _drawn(self) -> tuple[mujoco.MjSpec, Any]:
@@ -266,7 +246,7 @@ class Bench:
 
     def _apply(self, axis: Axis, parameters: Parameters) -> None:
         """Take over ``parameters``, at the start or for a change of live ones in mid-run."""
-        set_parameters(axis.record, parameters)
+        set_parameters(axis.record, self._stepped(parameters))
         self.parameters_of[axis.name] = parameters
         plant_model.set_weights(self.model, axis.name, parameters)
         now = self.parameters_of.values()
@@ -285,7 +265,8 @@ class Bench:
     ) -> None:  # fmt: skip
         """Change live parameters of an axis, its drive's mode or power, from the next tick on; the log says so.
 
-        Raises InputError, and changes nothing, for a parameter that is not live and a mode or power that is none.
+        Raises InputError, and changes nothing, for a parameter that is not live or that the plant's step cannot carry,
+        and a mode or power that is none.
         """
         changed = self._named(axis)
         state_record = changed.record.controller.state
@@ -294,13 +275,11 @@ class Bench:
                 raise InputError(f"{name} {value!r} is not valid; give one of {', '.join(valid)}")
         said = []
         if parameters is not None:
-            for (key, new, info), (_, old, _) in zip(
-                leaves(parameters), leaves(self.parameters_of[axis]), strict=True
-            ):  # fmt: skip
-                if new != old:
-                    if not info["live"]:
-                        raise InputError(f"parameters.{key}: holds for the whole run; reset the bench with another")
-                    said.append(f"{key} = {new}" + ("" if info["unit"] == "1" else f" {info['unit']}"))
+            for key, new, info in _differences(parameters, self.parameters_of[axis]):
+                if not info["live"]:
+                    raise InputError(f"parameters.{key}: holds for the whole run; reset the bench with another")
+                said.append(f"{key} = {new}" + ("" if info["unit"] == "1" else f" {info['unit']}"))
+            check_step(self._stepped(parameters))
             self._apply(changed, parameters)
         if mode is not None:
             state_record.servo.mode = servo.MODES.index(mode)
@@ -359,7 +338,7 @@ class Bench:
         """Trace buffers for the block, cut from room that is made for the longest one."""
         room = self._buffers
         if room is None or first + ticks > room.first_tick + room.ticks:
-            room = Buffers(self.clock, len(self.axes), len(self.body_names), first, max(self.block_ticks, ticks))
+            room = Buffers(self.clock, len(self.axes), len(self._bodies.axis), first, max(self.block_ticks, ticks))
             self._buffers = room
         return room.part(first, ticks)
 
@@ -440,6 +419,16 @@ class Bench:
         return min(found, default=None)
 
 
+def _differences(new: Parameters, old: Parameters) -> Iterator[tuple[str, Any, Mapping[str, Any]]]:
+    """Keys of ``new`` whose values are not those of ``old``, with the values and what there is to say of them."""
+    for section in Parameters.model_fields:
+        ours, theirs = getattr(new, section), getattr(old, section)
+        if ours != theirs:
+            for (key, value, about), (_, was, _) in zip(leaves(ours), leaves(theirs), strict=True):
+                if value != was:
+                    yield f"{section}.{key}", value, about
+
+
 def _check_together(built: Mapping[str, Parameters]) -> None:
     """Raise InputError unless the axes can be stepped in one model."""
     if not built:
@@ -450,16 +439,18 @@ def _check_together(built: Mapping[str, Parameters]) -> None:
             raise InputError("of several axes each has a name")
         if name and not is_axis(name):
             raise InputError(f"axis {name!r}: a name is up to 20 of a–z, 0–9 and _, a letter first")
-        for section in ("rates", "simulation"):
-            if getattr(p, section) != getattr(first, section):
-                raise InputError(
-                    f"axis {name!r}: parameters.{section} differs from that of {first_name!r}; one clock runs all"
-                )
+        if p.rates != first.rates:
+            raise InputError(f"axis {name!r}: parameters.rates differs from that of {first_name!r}; one clock runs all")
 
 
-def _bodies(built: Mapping[str, Parameters]) -> tuple[tick.Bodies, tuple[str, ...]]:
-    """How the drawn bodies lie and what turns them, and their names, world first."""
-    found = [("world", 0, -1, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))]
+def _finest(built: Mapping[str, Parameters]) -> Simulation:
+    """How axes in one model are stepped: as the one that needs the most steps in a tick."""
+    return max((p.simulation for p in built.values()), key=lambda simulation: simulation.substeps)
+
+
+def _bodies(built: Mapping[str, Parameters]) -> tick.Bodies:
+    """How the drawn bodies lie and what turns them, world first."""
+    found = [(0, -1, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))]
     across = mjcf.places(built)
     for a, (axis, p) in enumerate(built.items()):
         shafts = {name: f"shaft{k}" for k, name in enumerate(plant_model.shaft_names(p.gearbox.stages))}
@@ -467,9 +458,9 @@ def _bodies(built: Mapping[str, Parameters]) -> tuple[tick.Bodies, tuple[str, ..
         for body in mjcf.rest(p, axis, across[axis]):
             place = mechanism.ANGLES.index("rod_end" if body.name.endswith("rod_end") else
                                            shafts.get(body.turned_by, body.turned_by))
-            found.append((body.name, a, place, body.position, body.quaternion))
-    names, axes, angles, places, turns = zip(*found, strict=True)
-    return tick.Bodies(np.array(axes), np.array(angles), np.array(places), np.array(turns)), names
+            found.append((a, place, body.position, body.quaternion))
+    axes, angles, places, turns = zip(*found, strict=True)
+    return tick.Bodies(np.array(axes), np.array(angles), np.array(places), np.array(turns))
 
 
 class _Streams:
@@ -521,84 +512,6 @@ def _hear(message: str) -> None:
         log(message)
     else:  # someone else's simulation
         warnings.warn(message, RuntimeWarning, stacklevel=2)
-
-
-class _Asking:
-    """Asks users' outer loops from within the compiled loop."""
-
-    alive: ClassVar["weakref.WeakSet[_Asking]"] = weakref.WeakSet()
-    """All there are, for whoever watches that the user's code comes back."""
-
-    def __init__(self, controllers: Mapping[str, OuterLoop], memory: Any, axes: Sequence[str], tick_s: float):
-        self.failure: BaseException | None = None
-        """why the loop was stopped"""
-        self.asked = self.answered = -1
-        """tick of the last question and of the last answer"""
-        self.ask = Callback(self._ask)
-        self._tick_s = tick_s
-        # Plain arrays: the fields of a record would take longer to reach than all the rest.
-        states = [memory[a : a + 1]["controller"]["state"] for a in range(len(axes))]
-        self._loops = [
-            (controllers.get(name), state["plc"].view(np.float64), state["feel"].view(np.float64))
-            for name, state in zip(axes, states, strict=True)
-        ]
-        if controllers:
-            self.alive.add(self)
-
-    def _ask(self, number: int) -> int:
-        at, axis = divmod(number, len(self._loops))
-        controller, asked, model = self._loops[axis]
-        force, torque, angle, velocity = asked[:4].tolist()
-        self.asked = at
-        try:
-            command = _answer(controller, Inputs(at * self._tick_s, torque, force, angle, velocity))
-        except BaseException as error:  # none may pass through the compiled loop, not even Ctrl-C
-            self.failure = error
-            return 1
-        finally:
-            self.answered = at
-        asked[4:8] = command
-        model[[0, 1, 3]] = command.angle, command.velocity, torque
-        return 0
-
-
-def _answer(controller: Any, inputs: Inputs) -> Command:
-    """The user's command; ControllerError of one line if there is none that can be used, whatever was raised."""
-    try:
-        answer = controller.step(inputs)
-        command = _command(answer)
-    except BaseException as error:
-        what = f"{type(controller).__name__}.step failed at t = {inputs.time:.4f} s"
-        raise failure_of(what, error) from error
-    if command is None:
-        try:
-            shown = one_line(repr(answer))
-        except BaseException:  # whatever a user's __repr__ may raise
-            shown = f"a {type(answer).__name__}"
-        raise ControllerError(
-            f"{type(controller).__name__}.step returned {shown} at t = {inputs.time:.4f} s; "
-            f"a Command of finite numbers is valid: {', '.join(Command._fields)}"
-        )
-    return command
-
-
-def _command(answer: Any) -> Command | None:
-    """The answer as finite floats; None if it is no Command, or not of numbers."""
-    if type(answer) is Command and set(map(type, answer)) == _FLOATS and math.isfinite(sum(answer)):
-        return answer
-    if not isinstance(answer, (tuple, list, np.ndarray)) or not 1 <= len(answer) <= len(Command._fields):
-        return None
-    numbers = list(answer)
-    if not all(isinstance(x, (int, float, np.integer, np.floating)) and not isinstance(x, bool) for x in numbers):
-        return None
-    try:
-        command = Command(*map(float, numbers))
-    except OverflowError:
-        return None
-    return command if all(map(math.isfinite, command)) else None
-
-
-_FLOATS = {float}
 
 
 def versions() -> dict[str, str]:

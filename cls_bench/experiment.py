@@ -16,9 +16,10 @@ from cls_bench import interrupts
 from cls_bench.analysis import metrics
 from cls_bench.analysis.memory import Memory
 from cls_bench.analysis.window import Source, Window, holds_all
-from cls_bench.bench import Bench, DivergedError, OuterLoop, versions
+from cls_bench.bench import Bench, DivergedError, versions
 from cls_bench.claims import claim_stem, file_name
 from cls_bench.compiled import is_cached
+from cls_bench.control.outer_loop import OuterLoop
 from cls_bench.controllers import Controller, Place
 from cls_bench.drivers import scripted
 from cls_bench.errors import BenchError, ControllerError, ExitCode, InputError, Interrupted

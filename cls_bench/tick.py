@@ -48,10 +48,15 @@ class Hand(NamedTuple):
 
     @classmethod
     def of(cls, hands: Sequence[HandSamples]) -> "Hand":
-        """The hands of all axes, in the form compiled code takes."""
-        if len(hands) == 1:  # without a copy
-            return cls(*[getattr(hands[0], name)[:, None] for name in cls._fields])
-        fields: list[Any] = [np.stack([getattr(hand, name) for hand in hands], axis=1) for name in cls._fields]
+        """The hands of all axes, in the one form that the loop is compiled for; of a single axis without a copy."""
+        fields: list[Any] = []
+        for name in cls._fields:
+            each = [getattr(hand, name) for hand in hands]
+            values = each[0][:, None] if len(each) == 1 else np.stack(each, axis=1)
+            kind = np.bool_ if name in ("motion", "attached") else np.float64
+            if not values.flags.carray or values.dtype != kind:  # strided, read-only, of another type
+                values = np.array(values, kind, order="C")
+            fields.append(values)
         return cls(*fields)
 
     def part(self, first: int, ticks: int) -> "Hand":

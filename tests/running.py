@@ -6,7 +6,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cls_bench.bench import Bench, OuterLoop
+from cls_bench.bench import Bench
+from cls_bench.control.outer_loop import OuterLoop
 from cls_bench.drivers import scripted
 from cls_bench.hand import HandSamples
 from cls_bench.parameters import Parameters

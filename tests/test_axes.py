@@ -1,17 +1,22 @@
 """Several axes in one bench: each is what it is alone, and whatever is said names the one it is of."""
 
 import math
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from cls_bench.bench import Bench, Command, DivergedError
+from cls_bench.bench import Bench, DivergedError
+from cls_bench.control.outer_loop import Command
 from cls_bench.errors import ControllerError, InputError
 from cls_bench.parameters import Parameters
-from cls_bench.rigs import find_rig
+from cls_bench.rigs import find_rig, load_rig
 from cls_bench.run_log import trip_of
 from cls_bench.signals import topics
 from tests.running import advanced, collected, hold, off, parameters, swaying
+
+YOUR_RIG = Path(__file__).parent.parent / "docs" / "your_rig.md"
 
 
 def rig(name, **values):
@@ -214,6 +219,27 @@ def test_a_loop_that_fails_ends_the_run_of_all():
     assert len(r["/pitch/column.angle"]) == len(r["/roll/column.angle"]) == 1000
 
 
+# --- steps -----------------------------------------------------------------------------------------------------------
+
+
+def test_axes_of_different_steps_take_the_finer(tmp_path):
+    """Each is what it is alone with that many steps; what the parameters say stays."""
+    path = tmp_path / "my_rig.toml"
+    path.write_text(re.search(r"^```toml my_rig.toml\n(.*?)^```", YOUR_RIG.read_text(), re.M | re.S)[1])
+    light = load_rig(path).parameters
+    assert light.simulation.substeps == 2 and AXES["roll"].simulation.substeps == 1
+    bench = run({"roll": AXES["roll"], "stick": light}, numbers=[1, 2])
+    fine = {"roll": parameters({"simulation.substeps": 2}, AXES["roll"]), "stick": light}
+    for (name, p), number in zip(fine.items(), (1, 2), strict=True):
+        for signal, values in run({name: p}, numbers=[number]).signals.items():
+            np.testing.assert_array_equal(bench[signal], values, err_msg=signal)
+    assert bench.bench.parameters_of == {"roll": AXES["roll"], "stick": light}
+    mixed = Bench({"thesis": Parameters(), "stick": light}, seed=6)
+    mixed.reset({"thesis": parameters({"simulation.substeps": 2}), "stick": light})  # the steps are the same
+    with pytest.raises(ValueError, match="substeps"):
+        mixed.reset({"thesis": Parameters(), "stick": parameters({"simulation.substeps": 3}, light)})
+
+
 # --- mistakes ---------------------------------------------------------------------------------------------------------
 
 
@@ -224,8 +250,6 @@ def test_a_loop_that_fails_ends_the_run_of_all():
     ({"a/b": Parameters()}, "axis 'a/b': a name is up to 20"),
     ({"pitch": Parameters(), "roll": parameters({"rates.plc_cycle": 800e-6})},
      "axis 'roll': parameters.rates differs from that of 'pitch'; one clock runs all"),
-    ({"pitch": Parameters(), "roll": parameters({"simulation.substeps": 2})},
-     "axis 'roll': parameters.simulation differs from that of 'pitch'"),
 ])  # fmt: skip
 def test_axes_that_cannot_be_together_are_one_line(axes, says):
     with pytest.raises(InputError) as refused:

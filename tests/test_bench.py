@@ -1,5 +1,6 @@
 """The bench as a whole: the same every time, changes on time, a user's own loop, and runs that end early."""
 
+import ctypes
 import hashlib
 import math
 import os
@@ -12,14 +13,16 @@ import mujoco
 import numpy as np
 import pytest
 
-from cls_bench.bench import Bench, Command, DivergedError, OuterLoop
-from cls_bench.control import feel
+from cls_bench.bench import Bench, DivergedError
+from cls_bench.control import feel, outer_loop, plc
+from cls_bench.control.outer_loop import Command, OuterLoop
+from cls_bench.control.state import STATE
 from cls_bench.drivers import scripted
 from cls_bench.errors import ControllerError, InputError
 from cls_bench.parameters import Column, Parameters, record_of
 from cls_bench.scenario import Scenario, parse_scenario
 from cls_bench.signals import TOPICS
-from tests.running import run
+from tests.running import hold, run
 
 SWAY = """
 hand = [{at = 0.0, kind = "hold", angle_deg = 0.0},
@@ -105,7 +108,7 @@ def test_a_bench_runs_once():
 
 def test_the_model_travels_complete():
     bench = Bench(Parameters(column=Column(inertia=0.05)))
-    model = mujoco.MjModel.from_xml_string(bench.mjcf["bench_as_run.xml"].decode())
+    model = mujoco.MjModel.from_xml_string(bench.mjcf["bench.xml"].decode())
     assert [model.body(k).name for k in range(model.nbody)] == list(bench.body_names)
     stepped = bench.model
     for joint in ("motor", "carrier1"):
@@ -194,6 +197,54 @@ def test_an_own_loop_is_asked_only_while_the_drive_obeys():
         own = OwnFeelModel()
         run(f'changes = [{{at = 0.1, {power} = "off"}}]', controller=own)
         assert len(own.inputs) == 250
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_port_knows_the_controllers_record_by_name(seed):
+    """However the record is laid out, a loop sees what the PLC measured, and its answer gets where it belongs."""
+
+    def shuffled(kind):
+        fields = [(name, kind.fields[name][0]) for name in kind.names] + [("more", np.float64)]
+        return np.dtype([fields[k] for k in np.random.default_rng(seed).permutation(len(fields))])
+
+    class Remembers:
+        def step(self, inputs):
+            self.inputs = inputs
+            return Command(0.1, 0.2, 0.3, 0.4)
+
+    def failed(what, error):
+        raise AssertionError(what) from error
+
+    measured = {"force": 1.0, "torque": 2.0, "angle": 3.0, "velocity": 4.0}
+    asked = {"set_angle": 0.1, "set_velocity": 0.2, "set_acceleration": 0.3, "set_torque": 0.4}
+    state = np.zeros(1, [("plc", shuffled(plc.STATE)), ("feel", shuffled(feel.STATE))])
+    for name, value in measured.items():
+        state["plc"][name] = value
+    loop = Remembers()
+    asking = outer_loop.Asking([None, loop], [np.zeros(1, STATE), state], 5e-5, failed)
+    assert ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64)(asking.ask.address)(2 * 800 + 1) == 0
+    assert loop.inputs._asdict() == {"time": pytest.approx(0.04), **measured}
+    written = {name: float(state["plc"][name][0]) for name in state["plc"].dtype.names}
+    assert {name: value for name, value in written.items() if value} == measured | asked
+    written = {name: float(state["feel"][name][0]) for name in state["feel"].dtype.names}
+    assert {name: value for name, value in written.items() if value} == {"angle": 0.1, "velocity": 0.2, "torque": 2.0}
+
+
+def test_a_loop_that_failed_is_not_blamed_for_what_comes_after_a_reset():
+    bench = Bench(Parameters(), controller=Fails(raises))
+    list(bench_until_failure(bench))
+    assert isinstance(bench.failure, ControllerError)
+    bench.reset()
+    bench.start()
+    bench.plant.qvel[0] = math.nan
+    bench.advance(hold(8))
+    assert isinstance(bench.failure, DivergedError)
+
+
+def bench_until_failure(bench):
+    bench.start()
+    while bench.failure is None:
+        yield bench.advance(hold(2000))
 
 
 def test_a_plain_tuple_is_a_command():

@@ -113,7 +113,8 @@ def test_list_names_every_shipped_scenario() -> None:
 
 
 @pytest.mark.parametrize("option, word", [
-    ("--metrics", "breakout_torque"), ("--signals", "/load_cell.torque"), ("--parameters", "gearbox.stage1.backlash"),
+    ("--metrics", "breakout_torque"), ("--signals", "/load_cell.torque"), ("--signals", "/gearbox.stage3_twist"),
+    ("--parameters", "gearbox.stage1.backlash"),
 ])  # fmt: skip
 def test_list_names_what_scenarios_are_made_of(option: str, word: str) -> None:
     result = call("list", option)

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from cls_bench.bench import Command
 from cls_bench.cli import main
+from cls_bench.control.outer_loop import Command
 from cls_bench.errors import InputError
 from cls_bench.linear.hand import Hand, forward_inertia
 from cls_bench.linear.variation import Setup, changed, ideal, variation

@@ -12,9 +12,10 @@ from click.testing import CliRunner
 from cls_bench import bench as bench_module
 from cls_bench import experiment
 from cls_bench.axis import AXIS, NUMBERS
-from cls_bench.bench import Bench, Command, DivergedError
+from cls_bench.bench import Bench, DivergedError
 from cls_bench.cli import main
 from cls_bench.control import limits, plc, validity
+from cls_bench.control.outer_loop import Command
 from cls_bench.drivers import scripted
 from cls_bench.parameters import CONTROL, Parameters, leaves
 from cls_bench.plant import mechanism
@@ -75,6 +76,25 @@ def test_a_saturated_load_cell_says_how_far_and_how_long():
     assert seconds == pytest.approx(at_end[: 8 * (len(shares) - 1) + 1].sum() * 5e-5, rel=1e-3)
     peak = max(float(event.message.split("at most ")[1].split()[0]) for event in over)
     assert peak == pytest.approx(np.abs(r["/load_cell.force"])[at_end].max(), rel=1e-3)
+
+
+@pytest.mark.parametrize(("faults", "shown"), [
+    ({"load_cell.spike_rate": 100.0, "load_cell.spike": 5000.0}, 5000.0),
+    # From a slow amplifier, over many PLC cycles and from block to block.
+    ({"load_cell.spike_rate": 3.0, "load_cell.spike": 50000.0, "load_cell.filter_bandwidth": 50.0}, 50000.0),
+    ({"load_cell.wire": "signal_broken"}, 490.3),
+    ({"load_cell.wire": "supply_broken"}, None),
+])  # fmt: skip
+def test_a_faulty_load_cell_tells_what_it_shows(faults, shown):
+    """Not what is in the rod, and not what its filter has left of a spike in the ticks after it."""
+    settings = [f"{key}={value}" for key, value in faults.items()] + ["load_cell.noise=0.0"]
+    r = run('[drive]\npower = "off"', set=settings, duration=1.0)
+    told = [event.message for event in r.events if event.source == "load cell"]
+    assert np.abs(r["/load_cell.force"]).max() < 100.0
+    assert bool(told) == (shown is not None) == bool(r["/limits.load_cell"].any())
+    for message in told:
+        value = message.partition("saturated: ")[2].partition(" N on a range of 490.3 N")[0]
+        assert float(value or message.split("at most ")[1].split()[0]) == pytest.approx(shown, rel=0.02)
 
 
 @pytest.mark.parametrize(("limit", "override", "signal", "value", "scale"), [

@@ -1,8 +1,10 @@
 """What drive and PLC know: nameplate and samples. No true value of the plant reaches them, and none of theirs it."""
 
+import ast
 import math
 from collections.abc import Iterator
-from typing import Any, get_args, get_origin
+from pathlib import Path
+from typing import Any, get_args, get_origin, get_type_hints
 
 import mujoco
 import numpy as np
@@ -11,9 +13,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
+from cls_bench import control
 from cls_bench.axis import AXIS, set_parameters
 from cls_bench.bench import Bench
-from cls_bench.parameters import CONTROL, PLANT, Parameters, leaves
+from cls_bench.control.state import configure
+from cls_bench.parameters import CONTROL, PLANT, ControlParameters, Parameters, leaves
 from cls_bench.plant import model as plant_model
 from cls_bench.plant.sensors import SAMPLES
 from tests.running import advanced, collected, parameters
@@ -176,3 +180,23 @@ def test_a_controller_that_believes_wrongly_measures_wrongly():
     assert np.abs(base).max() > 0.1
     np.testing.assert_allclose(believed, 1.1 * base, rtol=1e-12)
     np.testing.assert_allclose(shown, believed, atol=3 * 0.175 * gain)  # within the converter's rounding
+
+
+def test_no_code_of_control_is_handed_all_parameters():
+    """What is not handed over cannot be looked at: control's own design gets what a controller may know."""
+    assert get_type_hints(configure)["p"] is ControlParameters
+    assert set(ControlParameters.model_fields) == {*CONTROL, "rates"}
+    folder = Path(control.__file__).parent
+    for path in folder.glob("*.py"):
+        names = {node.id for node in ast.walk(ast.parse(path.read_text("utf-8"))) if isinstance(node, ast.Name)}
+        assert "Parameters" not in names, path.name
+    given = []
+
+    def watched(design, record, p):
+        given.append(p)
+        configure(design, record, p)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("cls_bench.axis.configure", watched)
+        Bench(BASE)
+    assert given and all(type(p) is ControlParameters for p in given)

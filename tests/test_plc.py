@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from cls_bench.bench import Command
 from cls_bench.control import latch, plc
 from cls_bench.control.kinematic_chain import column_from_motor, motor_from_column
+from cls_bench.control.outer_loop import Command
 from cls_bench.control.state import CONTROLLER, configure
 from cls_bench.kinematics import (
     FourBar,

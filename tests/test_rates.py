@@ -8,7 +8,8 @@ import pytest
 
 from cls_bench import experiment
 from cls_bench import tick as tick_module
-from cls_bench.bench import Bench, Command
+from cls_bench.bench import Bench
+from cls_bench.control.outer_loop import Command
 from cls_bench.errors import InputError
 from cls_bench.kinematics import FourBar, crank_from_column
 from cls_bench.parameters import Parameters

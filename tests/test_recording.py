@@ -51,6 +51,7 @@ INFO = RunInfo(
     wall_start="2026-01-01T00:00:00+00:00",
     body_names=BODIES,
     geoms=(*(_geom(kind) for kind in KINDS), TRIANGLE),
+    clock=CLOCK,
 )
 
 
@@ -78,7 +79,7 @@ def make_blocks(lengths: Sequence[int] = (4000, 1, 7, 1203, 0, 2789, 333)) -> li
 def record(
     path: Path, blocks: Sequence[Block], info: RunInfo = INFO, status: str | None = "passed", wall_end: str = ""
 ) -> Path:
-    recorder = McapRecorder(path, info)
+    recorder = McapRecorder(path, info, topics=TOPICS)
     for block in blocks:
         recorder.write(block)
     if status is None:
@@ -310,14 +311,14 @@ def opened_truncated(path: Path) -> Recording:
 def test_a_killed_run_keeps_every_flushed_block(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     blocks = make_blocks()
-    recorder = McapRecorder(path, INFO)
+    recorder = McapRecorder(path, INFO, topics=TOPICS)
     recorder.write(make_block(0, 1))  # shorter than any buffer
     assert (
         opened_truncated(path).read("/column")["angle"].tolist() == make_block(0, 1).signals["/column"][:, 0].tolist()
     )
     recorder.close()
 
-    recorder = McapRecorder(path, INFO)
+    recorder = McapRecorder(path, INFO, topics=TOPICS)
     for block in blocks:
         recorder.write(block)
     recording = opened_truncated(path)  # the file is still open, nothing was finished
@@ -356,7 +357,7 @@ def test_a_file_cut_anywhere_reads_up_to_the_last_complete_chunk(tmp_path: Path)
 
 def test_recorder_writes_what_the_mcap_recorder_writes(tmp_path: Path) -> None:
     blocks = make_blocks()
-    recorder = Recorder(tmp_path / "new" / "run.v2", INFO, rerun=False)
+    recorder = Recorder(tmp_path / "new" / "run.v2", INFO, topics=TOPICS, rerun=False)
     for block in blocks:
         recorder.write(block)
     recorder.finish("passed")
@@ -372,7 +373,7 @@ def test_recorder_writes_what_the_mcap_recorder_writes(tmp_path: Path) -> None:
 def test_leaving_the_context_finishes_the_files(tmp_path: Path, error: type[BaseException] | None, status: str) -> None:
     blocks = make_blocks()
     try:
-        with Recorder(tmp_path / "run", INFO) as recorder:
+        with Recorder(tmp_path / "run", INFO, topics=TOPICS) as recorder:
             for block in blocks:
                 recorder.write(block)
             if error:
@@ -387,11 +388,11 @@ def test_leaving_the_context_finishes_the_files(tmp_path: Path, error: type[Base
 def test_ctrl_c_from_the_keyboard(tmp_path: Path) -> None:
     script = f"""
 import sys; sys.path[:0] = {[str(Path(__file__).parent)]!r}
-from test_recording import INFO, make_block
+from test_recording import INFO, TOPICS, make_block
 from cls_bench.recording import Recorder
 from pathlib import Path
 try:
-    with Recorder(Path({str(tmp_path / "run")!r}), INFO, rerun=False) as recorder:
+    with Recorder(Path({str(tmp_path / "run")!r}), INFO, topics=TOPICS, rerun=False) as recorder:
         first = 0
         while True:
             recorder.write(make_block(first, 400))
@@ -426,7 +427,7 @@ def test_a_full_disk_is_one_line_and_keeps_what_was_written(tmp_path: Path, monk
         return done
 
     monkeypatch.setattr(os, "write", write)
-    with pytest.raises(OutputError) as caught, Recorder(tmp_path / "run", INFO) as recorder:
+    with pytest.raises(OutputError) as caught, Recorder(tmp_path / "run", INFO, topics=TOPICS) as recorder:
         for block in blocks * 10:
             recorder.write(block)
     assert str(caught.value) == f"cannot write {tmp_path / 'run.mcap'}: No space left on device"
@@ -441,7 +442,7 @@ def test_a_full_disk_is_one_line_and_keeps_what_was_written(tmp_path: Path, monk
 def test_a_device_that_is_full_from_the_start(tmp_path: Path, suffix: str) -> None:
     (tmp_path / f"run.{suffix}").symlink_to("/dev/full")
     full = rf"^cannot write .*run\.{suffix}: No space left on device$"
-    with pytest.raises(OutputError, match=full), Recorder(tmp_path / "run", INFO) as recorder:
+    with pytest.raises(OutputError, match=full), Recorder(tmp_path / "run", INFO, topics=TOPICS) as recorder:
         for block in make_blocks((4000,) * 12):
             recorder.write(block)
 
@@ -450,17 +451,17 @@ def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     threads = threading.active_count()
     with pytest.raises(OutputError, match=r"^cannot write .*/file: File exists$"):
-        Recorder(tmp_path / "file" / "run", INFO)
+        Recorder(tmp_path / "file" / "run", INFO, topics=TOPICS)
     with pytest.raises(OutputError, match=r"^cannot write .*/taken\.rrd: Is a directory$"):
         (tmp_path / "taken.rrd").mkdir()
-        Recorder(tmp_path / "taken", INFO)
+        Recorder(tmp_path / "taken", INFO, topics=TOPICS)
     assert threading.active_count() == threads
 
 
 def test_a_bug_in_the_thread_reaches_the_caller(tmp_path: Path) -> None:
     block = make_block(0, 40)
     broken = replace(block, signals={**block.signals, "/feel": np.zeros((3, 3))})
-    recorder = Recorder(tmp_path / "run", INFO, rerun=False)
+    recorder = Recorder(tmp_path / "run", INFO, topics=TOPICS, rerun=False)
     recorder.write(broken)
     with pytest.raises(ValueError, match="broadcast"):
         recorder.finish("passed")
@@ -469,7 +470,7 @@ def test_a_bug_in_the_thread_reaches_the_caller(tmp_path: Path) -> None:
 def test_memory_does_not_grow_with_the_run(tmp_path: Path) -> None:
     psutil = pytest.importorskip("psutil")
     block = make_block(0, 4000)
-    with Recorder(tmp_path / "run", INFO) as recorder:
+    with Recorder(tmp_path / "run", INFO, topics=TOPICS) as recorder:
         process = psutil.Process()
         sizes = []
         for number in range(150):  # 30 s: 120 MB of samples
@@ -515,7 +516,7 @@ def rrd_table(path: Path, entity: str, column: str) -> tuple[np.ndarray, list[ob
 def rrd(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Block]]:
     blocks = make_blocks((4003, 1, 7, 1203, 0, 45_789, 333))
     path = tmp_path_factory.mktemp("rerun") / "run"
-    with Recorder(path, INFO) as recorder:
+    with Recorder(path, INFO, topics=TOPICS) as recorder:
         for block in blocks:
             recorder.write(block)
         recorder.finish("failed")
@@ -575,10 +576,10 @@ def test_rerun_has_every_shape_the_status_and_a_blueprint(rrd: tuple[Path, list[
 def test_a_killed_rerun_file_reads_up_to_the_last_batch(tmp_path: Path) -> None:
     script = f"""
 import sys, os; sys.path[:0] = {[str(Path(__file__).parent)]!r}
-from test_recording import INFO, make_block
+from test_recording import INFO, TOPICS, make_block
 from cls_bench.recording.rerun_writer import RerunRecorder
 from pathlib import Path
-recorder = RerunRecorder(Path({str(tmp_path / "run.rrd")!r}), INFO)
+recorder = RerunRecorder(Path({str(tmp_path / "run.rrd")!r}), INFO, topics=TOPICS)
 for number in range(13):  # batches of two
     recorder.write(make_block(4000 * number, 4000))
 os._exit(9)
@@ -593,4 +594,4 @@ os._exit(9)
 def test_shapes_that_cannot_be_drawn_say_so(tmp_path: Path) -> None:
     info = replace(INFO, geoms=(_geom("hfield"),))
     with pytest.raises(ValueError, match="kind 'hfield'"):
-        Recorder(tmp_path / "run", info)
+        Recorder(tmp_path / "run", info, topics=TOPICS)

@@ -379,7 +379,7 @@ def test_a_window_holds_no_more_than_an_hour_at_the_usual_rate(tmp_path: Path) -
 @pytest.mark.parametrize("make", [McapRecorder, RerunRecorder])
 def test_a_file_takes_blocks_of_its_own_clock_alone(make: type, tmp_path: Path) -> None:
     blocks = run_of(FAST, duration=0.2)
-    recorder = make(tmp_path / "run", INFO)
+    recorder = make(tmp_path / "run", INFO, topics=TOPICS)
     with pytest.raises(ValueError, match="a block of Clock"):
         recorder.write(blocks[0])
     recorder.close()
@@ -459,7 +459,7 @@ def test_two_runs_of_different_rigs_stand_side_by_side(tmp_path: Path) -> None:
 )
 def test_parameters_that_say_no_limits_cost_the_travel_lane_alone(parameters: dict, tmp_path: Path) -> None:
     blocks = run_of(CLOCK, duration=0.2)
-    recorder = RerunRecorder(tmp_path / "run.rrd", replace(info_of(blocks), parameters=parameters))
+    recorder = RerunRecorder(tmp_path / "run.rrd", replace(info_of(blocks), parameters=parameters), topics=TOPICS)
     for block in blocks:
         recorder.write(block)
     recorder.finish("passed")

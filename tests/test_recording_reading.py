@@ -32,6 +32,7 @@ from cls_bench.recording import Recording
 from cls_bench.recording.mcap_file import LIMITS
 from cls_bench.recording.samples import decode
 from cls_bench.recording.seal import SEAL_KEY, SEAL_METADATA, seal_of
+from cls_bench.report.drawn_model import MODEL_FILES, model_xml
 from cls_bench.report.recorded_run import NOT_MEASURED, RecordedRun
 from cls_bench.scenario import parse_scenario
 from cls_bench.signals import CLOCK, TOPICS, Event
@@ -883,11 +884,23 @@ def test_rates_that_are_none(ticks: str, run: Path, tmp_path: Path) -> None:
         ("<mujoco>", "no XML"),
     ],
 )  # fmt: skip
-def test_models_that_no_bench_has_are_not_drawn(model: str, said: str, run: Path, tmp_path: Path) -> None:
-    name = "bench_as_run.xml"
-    path = changed(run, tmp_path / "x.mcap", lambda r: replace_named(r, attachment(name, model.encode()), name))
+@pytest.mark.parametrize("name", MODEL_FILES)
+def test_models_that_no_bench_has_are_not_drawn(
+    name: str, model: str, said: str, run: Path, tmp_path: Path
+) -> None:  # fmt: skip
+    path = changed(run, tmp_path / "x.mcap", lambda r: replace_named(r, attachment(name, model.encode()), "bench.xml"))
     done = invoke("render", path)
     assert done.exit_code == 2 and said in done.stderr and done.stderr.count("\n") == 1
+    assert f"its {name} is not drawn" in done.stderr
+
+
+def test_the_model_of_an_older_recording_is_found(run: Path, tmp_path: Path) -> None:
+    model = Recording(run).attachments["bench.xml"]
+    old = attachment("bench_as_run.xml", model)
+    path = changed(run, tmp_path / "x.mcap", lambda r: replace_named(r, old, "bench.xml"))
+    with quiet():
+        assert "bench.xml" not in Recording(path).attachments
+        assert model_xml(Recording(path)) == model.decode()
 
 
 # ---------------------------------------------------------------------------------------------------------------------

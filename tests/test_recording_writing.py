@@ -253,7 +253,7 @@ def test_an_rrd_that_takes_nothing_does_not_hold_up_the_run(tmp_path: Path, monk
     writing = Writing(".rrd")
     monkeypatch.setattr(os, "write", writing)
     blocks = make_blocks((4000,) * 20)
-    recorder = Recorder(tmp_path / "run", INFO)
+    recorder = Recorder(tmp_path / "run", INFO, topics=TOPICS)
     writing.gate.clear()
     try:
         for block in blocks:
@@ -269,7 +269,7 @@ def test_an_rrd_that_takes_nothing_does_not_hold_up_the_run(tmp_path: Path, monk
 
 def test_files_that_are_removed_are_missed(tmp_path: Path) -> None:
     for suffix in ("mcap", "rrd"):
-        recorder = Recorder(tmp_path / "run", INFO)
+        recorder = Recorder(tmp_path / "run", INFO, topics=TOPICS)
         recorder.write(make_block(0, 400))
         (tmp_path / f"run.{suffix}").unlink()
         with pytest.raises(OutputError, match=rf"^cannot write .*run\.{suffix}: it was removed while the run went on"):
@@ -465,7 +465,7 @@ def test_samples_are_sorted_by_time_and_topic() -> None:
 def test_the_seal_covers_all_but_the_clock(tmp_path: Path) -> None:
     seals = []
     for clock in ("2026-01-01T00:00:00+00:00", "2027-01-01T00:00:00+00:00"):
-        recorder = McapRecorder(tmp_path / "run.mcap", replace(INFO, wall_start=clock))
+        recorder = McapRecorder(tmp_path / "run.mcap", replace(INFO, wall_start=clock), topics=TOPICS)
         recorder.write(make_block(0, 400))
         recorder.finish("complete", clock, verdict="failed", checks={"peak": 1.5, "late": None})
         recording = Recording(tmp_path / "run.mcap")
@@ -479,7 +479,7 @@ def test_the_seal_covers_all_but_the_clock(tmp_path: Path) -> None:
 
 def test_equal_runs_give_equal_rrds_up_to_rerun_s_own_ids(tmp_path: Path) -> None:
     for name in ("a", "b"):
-        recorder = RerunRecorder(tmp_path / f"{name}.rrd", INFO)
+        recorder = RerunRecorder(tmp_path / f"{name}.rrd", INFO, topics=TOPICS)
         for block in make_blocks((4000, 4000, 100)):
             recorder.write(block)
         assert recorder.written_ticks == 8000

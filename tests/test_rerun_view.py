@@ -97,7 +97,7 @@ def test_the_mcap_alone_gives_the_same_view(short: Result, tmp_path: Path) -> No
 
 def test_blocks_of_a_recording_are_those_that_were_recorded(tmp_path: Path) -> None:
     blocks = [make_block(0, 4000, (Event(12, "warning", "drive", "hot"),)), make_block(4000, 1203), make_block(5203, 7)]
-    recorder = McapRecorder(tmp_path / "run.mcap", INFO)
+    recorder = McapRecorder(tmp_path / "run.mcap", INFO, topics=TOPICS)
     for block in blocks:
         recorder.write(block)
     recorder.finish("complete")
@@ -138,7 +138,7 @@ def test_lanes_follow_power_grip_and_events(short: Result) -> None:
 
 def test_the_travel_lane_follows_the_column(tmp_path: Path) -> None:
     limits = {"feel": {"aft_limit": {"angle": 0.2}}, "column": {"switch_angle": 0.3}}
-    recorder = RerunRecorder(tmp_path / "run.rrd", replace(INFO, parameters=limits))
+    recorder = RerunRecorder(tmp_path / "run.rrd", replace(INFO, parameters=limits), topics=TOPICS)
     signals = {t.path: np.zeros((t.rows(0, 800), len(t.signals))) for t in TOPICS}
     signals["/column"][:, 0] = np.interp(np.arange(800), [0, 400, 799], [0.0, -0.4, 0.0])
     recorder.write(Block(0, 800, signals, np.zeros((4, len(BODIES), 7))))
@@ -218,7 +218,7 @@ def test_several_runs_share_one_timeline_and_nothing_else(short: Result, tmp_pat
 
 
 def test_a_run_without_the_bench_s_bodies_has_no_arrows(tmp_path: Path) -> None:
-    recorder = RerunRecorder(tmp_path / "run.rrd", replace(INFO, body_names=("world", "crank", "wheel")))
+    recorder = RerunRecorder(tmp_path / "run.rrd", replace(INFO, body_names=("world", "crank", "wheel")), topics=TOPICS)
     signals = {t.path: np.zeros((t.rows(0, 1), len(t.signals))) for t in TOPICS}
     recorder.write(Block(0, 1, signals, np.zeros((1, len(BODIES), 7))))  # too short for a curve too
     recorder.finish("complete")
@@ -352,9 +352,9 @@ def test_the_sdk_leaves_no_settings_behind(tmp_path: Path) -> None:
     script = f"""
 import sys; sys.path[:0] = [{str(ROOT)!r}]
 from pathlib import Path
-from tests.test_recording import INFO, make_block
+from tests.test_recording import INFO, TOPICS, make_block
 from cls_bench.recording.rerun_writer import RerunRecorder
-recorder = RerunRecorder(Path({str(tmp_path / "run.rrd")!r}), INFO)
+recorder = RerunRecorder(Path({str(tmp_path / "run.rrd")!r}), INFO, topics=TOPICS)
 recorder.write(make_block(0, 4000))
 recorder.finish("complete")
 """

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from cls_bench.bench import Command
 from cls_bench.control import latch, servo, tuning
+from cls_bench.control.outer_loop import Command
 from cls_bench.kinematics import FourBar, crank_from_column, crank_ratio
 from cls_bench.parameters import Drive, Motor, Parameters, record_of
 from cls_bench.signals import PLC_S, TICK_S, VELOCITY_S

@@ -1,15 +1,23 @@
 """The bench as a stepper: start, advance, change, reset; after a reset it is as if made anew, without being made."""
 
 import math
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
 
-from cls_bench.bench import Bench, Command, DivergedError
+from cls_bench import tick
+from cls_bench.bench import Bench, DivergedError
+from cls_bench.compiled import JIT
+from cls_bench.control.outer_loop import Command
+from cls_bench.drivers import timed
 from cls_bench.errors import InputError
+from cls_bench.hand import HandSamples
 from cls_bench.parameters import Parameters
 from cls_bench.plant import model as plant_model
 from cls_bench.rigs import find_rig
+from cls_bench.scenario import parse_scenario
+from cls_bench.sweep.runs import ScenarioAt
 from tests.running import advanced, collected, hold, off, parameters, swaying
 
 FAULTY = {"load_cell.spike_rate": 300.0, "load_cell.spike": 5.0, "plc.frame_loss": 0.1, "load_cell.drift": 0.5}
@@ -31,7 +39,10 @@ class Fails:
 
 def whole(bench, duration=0.1, **how):
     """All that a run gives: signals, poses and what the log says."""
-    blocks = list(advanced(bench, duration, **how))
+    return all_of(bench, list(advanced(bench, duration, **how)))
+
+
+def all_of(bench, blocks):
     run = collected(bench, blocks)
     return run.signals, np.concatenate([block.poses for block in blocks]), [(e.tick, e.message) for e in run.events]
 
@@ -204,7 +215,7 @@ def test_with_other_parameters_it_is_a_bench_of_those(monkeypatch):
 
 
 @pytest.mark.parametrize("values", [
-    {"gearbox.stages": 1}, {"rates.plc_cycle": 800e-6}, {"simulation.substeps": 2},
+    {"gearbox.stages": 1}, {"rates.plc_cycle": 800e-6}, {"simulation.substeps": 2}, {"linkage.kind": "none"},
 ])  # fmt: skip
 def test_what_needs_another_model_or_clock_needs_a_new_bench(values, fresh):
     bench = Bench(Parameters(), seed=3)
@@ -213,6 +224,29 @@ def test_what_needs_another_model_or_clock_needs_a_new_bench(values, fresh):
     with pytest.raises(ValueError, match="need a new bench"):
         bench.reset({"pitch": Parameters()})
     same(whole(bench), fresh)  # a refusal leaves it as it was
+
+
+@pytest.mark.parametrize("kind", ["four_bar", "none"])
+def test_shapes_and_names_do_not_depend_on_recorded_poses(kind):
+    p = parameters({"linkage.kind": kind, "nameplate.linkage": kind})
+    with_poses, without = Bench(p), Bench(p, poses=False)
+    assert without.geoms == with_poses.geoms
+    assert without.body_names == with_poses.body_names
+    assert ("rod" in without.body_names) == (kind == "four_bar")
+    without.start()
+    assert without.advance(hold(8)).poses.shape == (1, 1, 7)  # the world alone
+
+
+@pytest.mark.parametrize("heights", [(0.0, 0.04, 0.08), (0.08, 0.0, 0.04)])
+def test_any_unbalance_in_one_bench_after_another(heights):
+    """Without a linkage nothing else turns a body whose weight lies on its axis, which MuJoCo would take for good."""
+    rigs = [parameters({
+        "linkage.kind": "none", "nameplate.linkage": "none", "column.mass_height": height,
+    }) for height in heights]  # fmt: skip
+    bench = Bench(rigs[0])
+    for p in rigs:
+        bench.reset(p, seed=3)
+        same(whole(bench, 0.05), whole(Bench(p, seed=3), 0.05))
 
 
 def test_a_reset_to_parameters_that_cannot_be_stepped_is_refused_and_leaves_it(fresh):
@@ -296,6 +330,33 @@ def test_without_a_start_the_drive_is_off():
     assert bench.advance(swaying(0, 800, 0.2, 5.0))["/drive.voltage"].any()
 
 
+@pytest.mark.parametrize("axes", [1, 2])
+def test_hands_in_any_layout_run_the_same_machine_code(axes):
+    """Strided, read-only or of another type: the loop is not compiled anew for it."""
+
+    def odd(hand):
+        values = dict(vars(hand))
+        values["angle"] = np.repeat(hand.angle, 2)[::2]
+        values["force"] = hand.force.astype(np.float32)
+        values["squeeze"] = hand.squeeze.copy()
+        values["squeeze"].flags.writeable = False
+        values["velocity"] = np.broadcast_to(hand.velocity, (3, len(hand.velocity)))[1]
+        values["attached"] = hand.attached.astype(np.int64)
+        values["motion"] = np.repeat(hand.motion, 3)[::3]
+        return HandSamples(**values)
+
+    found, compiled = [], None
+    for change in (lambda hand: hand, odd):
+        bench = Bench({f"axis{k}": Parameters() for k in range(axes)}, seed=3)
+        bench.start()
+        block = bench.advance([change(swaying(0, 800, 0.1, 4.0)) for _ in range(axes)])
+        found.append(block["/axis0/column.angle"])
+        if JIT:
+            assert compiled in (None, len(tick.advance.signatures))
+            compiled = len(tick.advance.signatures)
+    np.testing.assert_array_equal(*found)
+
+
 # --- changes ----------------------------------------------------------------------------------------------------------
 
 
@@ -321,6 +382,8 @@ def test_a_change_of_a_live_parameter_says_what_and_from_when():
     ({"parameters": {"motor.resistance": 5.0}}, "parameters.motor.resistance: holds for the whole run"),
     ({"parameters": {"feel.inertia": 0.5}, "mode": "force"},
      "mode 'force' is not valid; give one of position, velocity, torque, off"),
+    ({"parameters": {"feel.inertia": 0.5, "limb.tight_stiffness": 3e8}},
+     "parameters.limb.tight_stiffness: 3e+08 N/m is too high for a plant step of 50 µs"),
     ({"mode": "torque", "power": "onn"}, "power 'onn' is not valid; give one of on, off"),
 ])  # fmt: skip
 def test_a_change_that_cannot_be_made_changes_nothing(fresh, parts, says):
@@ -332,6 +395,17 @@ def test_a_change_that_cannot_be_made_changes_nothing(fresh, parts, says):
         bench.change(**given)
     assert says in str(refused.value)
     same(whole(bench), fresh)
+
+
+def test_a_change_knows_the_steps_that_the_bench_takes():
+    stiff = {"limb.tight_stiffness": 3e8}
+    with pytest.raises(InputError, match=r"tight_stiffness: 3e\+08 N/m is too high for a plant step of 50 µs"):
+        Bench(Parameters()).change(parameters(stiff))
+    finer = {"simulation.substeps": 4}
+    Bench(parameters(finer)).change(parameters({**finer, **stiff}))
+    beside = Bench({"pitch": Parameters(), "roll": parameters(finer)})
+    beside.change(parameters(stiff), axis="pitch")  # stepped as the other one needs it
+    assert beside.parameters_of["pitch"] == parameters(stiff)
 
 
 def test_a_change_at_the_start_is_another_start():
@@ -351,3 +425,48 @@ def test_other_rigs_reset_too(rig):
     whole(bench, 0.1)
     bench.reset(seed=3)
     same(whole(bench, 0.05), fresh)
+
+
+# --- by the clock -----------------------------------------------------------------------------------------------------
+
+
+def test_changes_by_the_clock_are_made_in_order_each_with_its_plc_cycle():
+    bench, made = Bench(Parameters()), []
+
+    def change(at, name):
+        return timed.Change(at, lambda b: made.append((name, b.next_tick)))
+
+    changes = [change(0.0302, "d"), change(0.01, "b"), change(0.01, "c"), change(0.0, "a"), change(0.9, "never")]
+    hands = []
+
+    def hand(first, ticks):
+        hands.append((first, ticks))
+        return swaying(first, ticks, 0.1, 3.0)
+
+    blocks = list(timed.run(bench, hand, changes, 0.2501))
+    assert made == [("a", 0), ("b", 200), ("c", 200), ("d", 608)]
+    assert hands == [(0, 200), (200, 408), (608, 4000), (4608, 400)]  # 5002 ticks, in whole PLC cycles
+    assert [(b.first_tick, b.ticks) for b in blocks] == hands
+    same(whole(Bench(Parameters()), 0.2501), all_of(bench, blocks))
+
+
+def test_a_sweep_over_kinds_of_linkage_rigs_and_unbalance_is_right_at_every_point():
+    """Points of one thread share a bench where they can: each gives what it gives on a bench of its own."""
+    scenario = parse_scenario(
+        'title = "t"\nduration = 0.1\nhand = [{at = 0.0, kind = "sine", amplitude_deg = 4.0, frequency = 5.0}]\n'
+        '[[checks]]\nname = "torque"\nmetric = "rms"\nsignal = "/column.torque"\nwindow = [0.02, 0.1]\n'
+    )
+    evaluate = ScenarioAt(scenario, {name: find_rig(name) for name in ("thesis", "aileron")})
+    none = {"linkage.kind": "none", "nameplate.linkage": "none"}
+    points = [
+        {}, none, {"linkage.kind": "four_bar"}, {"linkage.kind": "none"}, {"rig": "aileron"}, {"rig": "thesis"},
+        *[{**none, "column.mass_height": height} for height in (0.0, 0.04, 0.08, 0.0)],
+    ]  # fmt: skip
+    together = [evaluate(point) for point in points]
+    alone = []
+    for point in points:
+        with ThreadPoolExecutor(1) as pool:  # a thread has no bench yet
+            alone.append(pool.submit(evaluate, point).result())
+    assert together == alone
+    assert all(math.isfinite(found["torque"]) for found in together)
+    assert len({found["torque"] for found in together}) == 7  # the thesis's rig is there three times, a height twice

@@ -31,7 +31,7 @@ from cls_bench.experiment import run
 from cls_bench.hand import HandSamples
 from cls_bench.parameters import Parameters
 from cls_bench.scenario import Check, Scenario, load_scenario
-from cls_bench.signals import TOPICS, Block
+from cls_bench.signals import CLOCK, TOPICS, Block
 from cls_bench.sweep.core import evaluate_points
 from cls_bench.sweep.engine import Dask, Row, Threads, make_engine
 from cls_bench.sweep.journal import Journal
@@ -410,7 +410,7 @@ def test_memory_gives_what_a_recording_gives(tmp_path: Path, file: Any) -> None:
 
 
 def in_memory(scenario: Scenario, checks: Sequence[Check]) -> Memory:
-    memory = Memory(checks)
+    memory = Memory(checks, CLOCK, TOPICS)
     for block in scripted.run(Bench(Parameters(), seed=scenario.seed), scenario):
         memory.keep(block)
     return memory
@@ -418,11 +418,12 @@ def in_memory(scenario: Scenario, checks: Sequence[Check]) -> Memory:
 
 def test_memory_holds_what_checks_read_and_no_more() -> None:
     """800 s of it would be 16 MB for each signal, and not 400 MB."""
-    memory = Memory([
+    checks = [
         Check(name="peak", metric="maximum", signal="/column.angle", window=(0.0, 8.0)),
         Check(name="shake", metric="oscillation_amplitude_deg", window=(0.0, 8.0)),
         Check(name="force", metric="mean", signal="/pilot.hand_force", window=(1.0, 1.2)),
-    ])  # fmt: skip
+    ]  # fmt: skip
+    memory = Memory(checks, CLOCK, TOPICS)
     tracemalloc.start()
     for first in range(0, 200_000, 4000):
         rows = {topic.path: np.ones((topic.rows(first, 4000), len(topic.signals))) for topic in TOPICS}

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from cls_bench.analysis.metrics import signals_of
 from cls_bench.errors import InputError
 from cls_bench.scenario import Check
-from cls_bench.signals import CLOCK, TOPICS, Block, Clock, Column, Topic
+from cls_bench.signals import Block, Clock, Column, Topic
 
 
 class Memory:
@@ -18,7 +18,7 @@ class Memory:
     ``clock`` and ``topics`` are those of the run.
     """
 
-    def __init__(self, checks: Sequence[Check], clock: Clock = CLOCK, topics: Iterable[Topic] = TOPICS):
+    def __init__(self, checks: Sequence[Check], clock: Clock, topics: Iterable[Topic]):
         self.clock = clock
         """rates of the run"""
         self.topics = {topic.path: replace(topic, ticks=clock.plc_ticks) for topic in topics}

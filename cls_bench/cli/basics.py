@@ -185,9 +185,10 @@ def list_(what: str | None) -> None:
             needs = ["signal", *arguments] if m.of_signal else [*arguments]
             print_term(m.name, m.unit or "the signal's", "; ".join([m.meaning, *needs]))
     elif what == "signals":
-        from cls_bench.signals import TOPICS
+        from cls_bench.signals import CLOCK, MOST_STAGES, topics
 
-        rows = [(f"{t.path}.{s.name}", s.unit, f"{t.rate:g}", s.meaning) for t in TOPICS for s in t.signals]
+        every = topics(CLOCK, MOST_STAGES)
+        rows = [(f"{t.path}.{s.name}", s.unit, f"{t.rate:g}", s.meaning) for t in every for s in t.signals]
         print_table(("signal", "unit", "Hz", "meaning"), rows)
     elif what == "parameters":
         from cls_bench.parameters import Parameters, leaves

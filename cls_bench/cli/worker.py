@@ -159,7 +159,7 @@ def _strike(number: int, frame: Any) -> None:
 
 
 def _asking() -> list[Any]:
-    kind = getattr(sys.modules.get("cls_bench.bench"), "_Asking", None)  # it may be being imported
+    kind = getattr(sys.modules.get("cls_bench.control.outer_loop"), "Asking", None)  # it may be being imported
     while kind is not None:
         try:
             return list(kind.alive)

@@ -7,7 +7,7 @@ import numpy as np
 from cls_bench.control import feel, latch, plc, servo
 from cls_bench.control.tuning import GAINS, design
 from cls_bench.kinematics import fit_polynomials
-from cls_bench.parameters import CONTROL, Parameters, kind_of
+from cls_bench.parameters import CONTROL, ControlParameters, kind_of
 
 COEFFICIENTS = 16
 """Places for the coefficients of a polynomial: degree 15 at most."""
@@ -43,9 +43,11 @@ STATE = np.dtype(
 )
 """What drive and PLC remember."""
 
+_SECTIONS: dict[str, Any] = {name: info.annotation for name, info in ControlParameters.model_fields.items()}
+
 CONTROLLER = np.dtype(
     [
-        ("parameters", [(name, kind_of(type(getattr(Parameters(), name)))) for name in CONTROL]),
+        ("parameters", [(name, kind_of(_SECTIONS[name])) for name in CONTROL]),
         ("design", DESIGN),
         ("state", STATE),
     ]
@@ -53,10 +55,10 @@ CONTROLLER = np.dtype(
 """Drive and PLC of one axis."""
 
 
-def configure(design_record: Any, control: Any, p: Parameters) -> None:
-    """Put what follows into the record ``design_record``; of ``p`` no more is used than :data:`CONTROL` and the rates.
+def configure(design_record: Any, control: Any, p: ControlParameters) -> None:
+    """Put what follows from ``p`` into the record ``design_record``.
 
-    ``control`` is the record of the parameters. Raises ValueError if the linkage of the nameplate cannot be closed.
+    ``control`` is the same as a record. Raises ValueError if the linkage of the nameplate cannot be closed.
     """
     clock, plate = p.rates.clock, p.nameplate
     gains = design(control.drive, control.nameplate, clock.velocity_s)

@@ -71,6 +71,12 @@ def rest(p: Parameters, axis: str = "", across: float = 0.0) -> tuple[Rest, ...]
     return tuple(body(*entry) for entry in named)
 
 
+def body_names(rigs: Mapping[str, Parameters]) -> tuple[str, ...]:
+    """Names of all bodies of :func:`build_bench`, world first."""
+    named = ((axis, name) for axis, p in rigs.items() for name, _ in _bodies(p))
+    return ("world", *(f"{axis}/{name}" if axis else name for axis, name in named))
+
+
 def _bodies(p: Parameters) -> list[tuple[str, Turns]]:
     """Bodies of a rig in the model's order, and what turns each."""
     stages = p.gearbox.stages

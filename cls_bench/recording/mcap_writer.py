@@ -49,7 +49,7 @@ from cls_bench.recording.growing_file import GrowingFile
 from cls_bench.recording.layout import Index, Samples
 from cls_bench.recording.run_info import RunInfo
 from cls_bench.recording.seal import SEAL_KEY, SEAL_METADATA, seal_of
-from cls_bench.signals import EVENTS_TOPIC, TOPICS, Block, Clock, Topic
+from cls_bench.signals import EVENTS_TOPIC, Block, Clock, Topic
 from cls_bench.text import utf8
 
 TRANSFORMS_TOPIC = "/tf"
@@ -80,7 +80,7 @@ class McapRecorder:
     topics or blocks of another clock than the run's.
     """
 
-    def __init__(self, path: Path, info: RunInfo, *, topics: Sequence[Topic] = TOPICS, poses: bool = True):
+    def __init__(self, path: Path, info: RunInfo, *, topics: Sequence[Topic], poses: bool = True):
         self._topics = tuple(topics)
         self._clock = info.clock
         if any(topic.tick_ns != self._clock.tick_ns for topic in self._topics):

@@ -14,7 +14,7 @@ from cls_bench.claims import cannot_write, remove, remove_empty
 from cls_bench.errors import OutputError
 from cls_bench.recording.mcap_writer import McapRecorder
 from cls_bench.recording.run_info import RunInfo
-from cls_bench.signals import TOPICS, Block, Topic
+from cls_bench.signals import Block, Topic
 
 QUEUE_BLOCKS = 2
 """Blocks that may wait to be encoded; then :meth:`Recorder.write` waits too, so that memory does not grow."""
@@ -53,7 +53,7 @@ class Recorder:
     """
 
     def __init__(
-        self, stem: Path, info: RunInfo, *, rerun: bool = True, topics: Sequence[Topic] = TOPICS, poses: bool = True
+        self, stem: Path, info: RunInfo, *, rerun: bool = True, topics: Sequence[Topic], poses: bool = True
     ):
         self.mcap_path = stem.with_name(f"{stem.name}.mcap")
         self.rrd_path = stem.with_name(f"{stem.name}.rrd") if rerun else None

@@ -18,7 +18,7 @@ from cls_bench.recording.layout import rows_of
 from cls_bench.recording.mcap_reader import Recording
 from cls_bench.recording.rerun_file import RerunFile
 from cls_bench.recording.run_info import RunInfo
-from cls_bench.signals import EVENTS_TOPIC, TOPICS, Block, Event, Topic
+from cls_bench.signals import EVENTS_TOPIC, Block, Event, Topic
 from cls_bench.text import utf8
 
 Array = NDArray[np.float64]
@@ -46,7 +46,7 @@ class RerunRecorder:
     created or written.
     """
 
-    def __init__(self, path: Path, info: RunInfo, *, topics: Sequence[Topic] = TOPICS, poses: bool = True):
+    def __init__(self, path: Path, info: RunInfo, *, topics: Sequence[Topic], poses: bool = True):
         self._file = _opened(path, [layout.Shown("", info.scenario_name, topics)])
         try:
             self._file.stream.send_recording_name(info.scenario_name)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from cls_bench.geometry import Geom
-from cls_bench.signals import CLOCK, Clock
+from cls_bench.signals import Clock
 
 
 @dataclass(frozen=True)
@@ -26,5 +26,5 @@ class RunInfo:
     body_names: tuple[str, ...]
     """bodies of the model in the order of ``Block.poses``, world first"""
     geoms: tuple[Geom, ...] = field(default=())
-    clock: Clock = CLOCK
+    clock: Clock = field(kw_only=True)
     """rates of the run"""

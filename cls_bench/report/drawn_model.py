@@ -6,8 +6,8 @@ from cls_bench.errors import InputError
 from cls_bench.recording import Recording
 from cls_bench.text import printable
 
-MODEL_FILE = "bench_as_run.xml"
-"""Attachment with the whole model."""
+MODEL_FILES = "bench.xml", "bench_as_run.xml"
+"""Attachment with the drawn model; the other is its name in older recordings."""
 
 LONGEST = 1 << 20
 """Bytes of a model that is drawn."""
@@ -24,14 +24,21 @@ ELEMENTS = frozenset({
 """What a bench is made of. Nothing of it reads a file, loads code or takes memory but for itself."""
 
 
+def model_file(recording: Recording) -> str:
+    """Name of the attachment with the drawn model. InputError if there is none."""
+    for name in MODEL_FILES:
+        if name in recording.attachments:
+            return name
+    raise InputError(f"{recording.path}: carries no {MODEL_FILES[0]}; there is nothing to draw")
+
+
 def model_xml(recording: Recording) -> str:
     """The model as MJCF. InputError if there is none, or if it holds what a bench has not."""
-    content = recording.attachments.get(MODEL_FILE)
-    if content is None:
-        raise InputError(f"{recording.path}: carries no {MODEL_FILE}; there is nothing to draw")
+    file = model_file(recording)
+    content = recording.attachments[file]
 
     def refused(why: str) -> InputError:
-        return InputError(f"{recording.path}: its {MODEL_FILE} is not drawn: {why}")
+        return InputError(f"{recording.path}: its {file} is not drawn: {why}")
 
     if len(content) > LONGEST:
         raise refused(f"it has {len(content)} bytes, {LONGEST} at most")

@@ -12,7 +12,7 @@ from cls_bench.claims import replaced
 from cls_bench.errors import InputError, OutputError
 from cls_bench.geometry import force_arrows, turned
 from cls_bench.recording import Recording
-from cls_bench.report.drawn_model import MODEL_FILE, check_time, model_xml
+from cls_bench.report.drawn_model import check_time, model_file, model_xml
 from cls_bench.signals import axes_of
 from cls_bench.text import printable
 
@@ -64,7 +64,7 @@ class Renderer:
             self._axes = [_Arrows(self._model, axis) for axis in axes_of(recording.topics.values())]
         except (ValueError, KeyError, TypeError) as error:
             reason = printable(str(error), 300)
-            raise InputError(f"{recording.path}: its {MODEL_FILE} cannot be drawn: {reason}") from None
+            raise InputError(f"{recording.path}: its {model_file(recording)} cannot be drawn: {reason}") from None
         self._data = mujoco.MjData(self._model)
         mujoco.mj_forward(self._model, self._data)  # cameras and lights stand in the world; the bodies come later
         cameras = [self._model.camera(k).name for k in range(self._model.ncam)]

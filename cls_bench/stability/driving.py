@@ -1,14 +1,15 @@
 """Runs of a laboratory: a hand in closed form and a few changes, on a bench, without a scenario file."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from cls_bench.bench import Bench
+from cls_bench.drivers import timed
 from cls_bench.hand import HandSamples
 from cls_bench.linear.hand import Hand
-from cls_bench.parameters import Parameters
 from cls_bench.pilot import Profile
 from cls_bench.signals import Block, Clock
 
@@ -24,15 +25,6 @@ class Part:
 
 
 @dataclass(frozen=True)
-class Change:
-    """What a live parameter change does at a time."""
-
-    at: float
-    """[s]; it takes effect with the next PLC cycle"""
-    apply: Callable[[Parameters], Parameters]
-
-
-@dataclass(frozen=True)
 class Script:
     """A hand that grips as ``hand`` says, does its ``parts`` one after the other, and the ``changes`` meanwhile."""
 
@@ -41,7 +33,7 @@ class Script:
     """[s]"""
     parts: Sequence[Part]
     """an angle where the arm holds its place, a force where it does not; the first at 0, none if the hand is off"""
-    changes: Sequence[Change] = ()
+    changes: Sequence[timed.Change] = ()
 
     def samples(self, clock: Clock, first: int, ticks: int) -> HandSamples:
         """The hand in ``ticks`` from ``first`` on."""
@@ -61,19 +53,5 @@ class Script:
 
 
 def run(bench: Bench, script: Script) -> Iterator[Block]:
-    """Run ``script`` on a fresh ``bench`` of one axis, in blocks; raises as :func:`cls_bench.drivers.scripted.run`."""
-    clock = bench.clock
-    cycles = [-(-clock.tick_of(change.at) // clock.plc_ticks) * clock.plc_ticks for change in script.changes]
-    waiting = sorted(zip(cycles, script.changes, strict=True), key=lambda entry: entry[0])
-    end = -(-clock.tick_of(script.duration) // clock.plc_ticks) * clock.plc_ticks
-    bench.start()
-    while bench.next_tick < end:
-        while waiting and waiting[0][0] <= bench.next_tick:
-            bench.change(waiting.pop(0)[1].apply(bench.parameters))
-        until = min(end, bench.next_tick + bench.block_ticks, *(tick for tick, _ in waiting[:1]))
-        hand = script.samples(clock, bench.next_tick, until - bench.next_tick)
-        block = bench.advance(hand, last=until == end)
-        if block.ticks or bench.failure is not None:
-            yield block
-        if bench.failure is not None:
-            raise bench.failure
+    """Run ``script`` on a fresh ``bench`` of one axis; yields and raises as :func:`cls_bench.drivers.timed.run`."""
+    return timed.run(bench, partial(script.samples, bench.clock), script.changes, script.duration)

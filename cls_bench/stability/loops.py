@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from cls_bench.bench import Command, Inputs, OuterLoop
 from cls_bench.control import feel, plc
+from cls_bench.control.outer_loop import Command, Inputs, OuterLoop
 from cls_bench.linear.cycle import Compensation
 from cls_bench.parameters import ControlParameters, record_of
 

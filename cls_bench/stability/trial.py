@@ -20,15 +20,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cls_bench.analysis.growth import Mode, modes
-from cls_bench.bench import Bench, DivergedError, OuterLoop
+from cls_bench.bench import Bench, DivergedError
+from cls_bench.control.outer_loop import OuterLoop
+from cls_bench.drivers.timed import Change
 from cls_bench.errors import InputError
 from cls_bench.linear.bench import SLOW
 from cls_bench.linear.variation import Setup
-from cls_bench.parameters import Parameters
 from cls_bench.pilot import constant, ramp, sine
 from cls_bench.signals import Block, Clock
 from cls_bench.stability import driving
-from cls_bench.stability.driving import Change, Part, Script
+from cls_bench.stability.driving import Part, Script
 from cls_bench.stability.loops import MakeLoop, Probe
 
 PERIOD = 0.8e-3
@@ -155,8 +156,12 @@ def script(setup: Setup, standard: Standard, *, pulse: bool = True) -> Script:
     return Script(hand, standard.duration, parts, changes)
 
 
-def _disturbed(torque: float) -> Callable[[Parameters], Parameters]:
-    return lambda p: p.model_copy(update={"feel": p.feel.model_copy(update={"disturbance_torque": torque})})
+def _disturbed(torque: float) -> Callable[[Bench], None]:
+    def make(bench: Bench) -> None:
+        feel = bench.parameters.feel.model_copy(update={"disturbance_torque": torque})
+        bench.change(bench.parameters.model_copy(update={"feel": feel}))
+
+    return make
 
 
 def run(

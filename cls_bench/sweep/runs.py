@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from cls_bench.analysis.memory import Memory
-from cls_bench.bench import Bench, DivergedError, OuterLoop
+from cls_bench.bench import Bench, DivergedError
+from cls_bench.control.outer_loop import OuterLoop
 from cls_bench.drivers import scripted
 from cls_bench.errors import ControllerError
 from cls_bench.experiment import CONTROLLER_FAILED, ending, make_controller, measure
