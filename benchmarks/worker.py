@@ -147,15 +147,13 @@ def plain() -> Callable[[], float]:
     bench.start()
     timeline = HandTimeline(scenario)
     bodies = _Table([_plain(record) for record in bench._axes])
-    rows = _Table([])
-    topics = ("column", "load_cell", "gearbox", "drive", "pilot", "feel", "limits")
-    trace = SimpleNamespace(**dict.fromkeys(topics, rows), poses=np.zeros((ticks, len(bench.body_names), 7)))
     at = 0
 
     def measure() -> float:
         nonlocal at
         hand = loop.Hand.of([timeline.sample(at, ticks)])
         noise = bench._streams.draw(ticks, bench._chances)
+        trace = bench._room(at, ticks)
         start = time.perf_counter()
         loop.advance(
             bench.plant, bodies, bench._watched, hand, noise, trace, bench._bodies, bench._cycles, bench._warned,
@@ -177,14 +175,11 @@ def _plain(record: Any) -> Any:
 
 
 class _Table(list):  # type: ignore[type-arg]
-    """Axes, or rows of a trace that no one reads."""
+    """Axes."""
 
     @property
     def shape(self) -> tuple[int]:
         return (len(self),)
-
-    def __getitem__(self, index: Any) -> Any:
-        return SimpleNamespace() if isinstance(index, tuple) else list.__getitem__(self, index)
 
 
 WHAT: dict[str, Callable[..., Callable[[], float]]] = {

@@ -25,9 +25,12 @@ AXIS = np.dtype(
     ]
 )
 
+SLOTS = {**plc.SLOTS, **limits.SLOTS}
+"""Names of the columns of its tables."""
+
 NUMBERS = (
-    validity.places(AXIS, ("controller.parameters.",), plc.SLOTS),
-    validity.places(AXIS, ("controller.state.", "samples."), plc.SLOTS),
+    validity.places(AXIS, ("controller.parameters.",), SLOTS),
+    validity.places(AXIS, ("controller.state.", "samples."), SLOTS),
 )
 """Names and places of the numbers that the controller's self-check looks at: its parameters, what it remembers."""
 

@@ -23,6 +23,7 @@ from cls_bench import tick
 from cls_bench.axis import AXIS, NUMBERS, forget, set_parameters
 from cls_bench.compiled import JIT, Callback, records
 from cls_bench.control import plc, servo
+from cls_bench.control.controller import Watched
 from cls_bench.controllers import failure_of
 from cls_bench.errors import BenchError, ControllerError, ExitCode, InputError, one_line
 from cls_bench.geometry import Geom
@@ -162,7 +163,7 @@ class Bench:
         self.topics = tuple(topic for axis in self.axes for topic in axis.topics)
         """what is recorded"""
         words = memory.view(np.float64, np.ndarray).reshape(len(memory), -1)
-        self._watched = tick.Watched(words, NUMBERS[0].words, NUMBERS[1].words)
+        self._watched = Watched(words, NUMBERS[0].words, NUMBERS[1].words)
         self._posed = poses
         self._bodies, self.body_names = _bodies(self._built if poses else {})
         self._warned = np.zeros(1, np.int64)

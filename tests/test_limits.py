@@ -342,8 +342,7 @@ def test_all_that_the_plant_remembers_is_looked_at():
     through_a_force = {"bristle", "bearing_bristle", "grip_stiffness", "grip_damping", "grip_rest"}
     anew = {
         "voltage", "connected", "motor_torque", "rod_force", "along_crank", "along_column", "across_column",
-        "far_along", "far_across", "grip_torque", "twist", "mesh_torque", "mesh_friction", "strain_force",
-        "shown_force",
+        "far_along", "far_across", "grip_torque", "twist", "mesh_torque", "mesh_friction", "shown_force",
     }  # fmt: skip
     assert {*mechanism.REMEMBERED, *through_a_force, *anew} == set(BODY.names or ())
 

@@ -97,7 +97,7 @@ def test_a_lost_joint_is_found(value):
 # --- the one order ----------------------------------------------------------------------------------------------------
 
 WORK = {
-    "PLC: self-check of its numbers": ("tick._check_numbers",),
+    "PLC: self-check of its numbers": ("control.controller.check_numbers",),
     "sample: encoder, current, load cell, potentiometer, limit switches": (
         "plant.mechanism.arrive", "plant.sensors.sample",
     ),
@@ -114,7 +114,7 @@ WORK = {
     ),
     "limits: what was asked for beyond one": ("tick._note_limits",),
     "plant: forces of the present state": ("plant.limb.set_grip", "plant.mechanism.act"),
-    "trace: the state at the tick's time": ("tick._trace_tick",),
+    "trace: the state at the tick's time": ("plant.mechanism.show", "tick._trace"),
     "mj_step; forces and mj_step again for each further one of simulation.substeps": ("mj_step",),
 }  # fmt: skip
 """What each line of the order calls."""

@@ -6,19 +6,22 @@ each signal in turn (zeros, another sign, the column beside it), and each spoilt
 """
 
 import math
+import re
 from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
 
+from cls_bench.axis import AXIS
 from cls_bench.bench import Bench, DivergedError
 from cls_bench.control.limits import LIMITS
 from cls_bench.drivers import scripted
 from cls_bench.parameters import Gearbox, GearStage, Parameters
 from cls_bench.scenario import parse_scenario
-from cls_bench.signals import CLOCK, MOST_STAGES, TOPIC, TOPICS, topics
-from cls_bench.trace import Buffers, Trace
+from cls_bench.signals import CLOCK, MOST_STAGES, TOPIC, Signal, Topic, topics
+from cls_bench.tick import _trace
+from cls_bench.trace import Buffers, words
 from tests.running import advanced
 
 CYCLE = 8
@@ -217,37 +220,77 @@ def test_a_spoilt_signal_is_found(rig: str, signal: str) -> None:
         assert signal in wrong(rig, {**rows, signal: spoilt})
 
 
-def test_fields_follow_from_the_table() -> None:
-    assert Trace._fields == (*(topic.path.strip("/") for topic in TOPICS), "poses")
+def test_every_signal_has_a_source_of_its_own() -> None:
+    for stages in range(MOST_STAGES + 1):
+        sources = [signal.source for topic in topics(CLOCK, stages) for signal in topic.signals]
+        assert len(set(sources)) == len(sources)
+        assert all(sources)
     assert TOPIC["/limits"].names == LIMITS
+
+
+@pytest.mark.parametrize(("source", "says"), [
+    ("truth.body.heat", 'source "truth.body.heat" stands nowhere in an axis\'s record'),
+    ("", 'source "" stands nowhere'),
+    ("truth.body", "stands nowhere"),
+    ("truth.body.twist", "stands nowhere"),
+    ("truth.body.twist.4", "stands nowhere"),
+    ("controller.state.commands.torque", "stands 17 times"),
+    ("samples.switch_aft", "is of int64, not of float64"),
+])  # fmt: skip
+def test_a_source_that_is_none_is_named(source: str, says: str) -> None:
+    fine = Signal("fine", "K", "", "truth.body.temperature")
+    declared = Topic("/drive", 4, "", (fine, Signal("heat", "K", "", source)))
+    with pytest.raises(ValueError, match=f"^/drive.heat: .*{re.escape(says)}"):
+        words(AXIS, [declared])
+
+
+def test_a_source_is_a_place_in_the_record() -> None:
+    """By the name a reader of the code would use, in records within records and in tables."""
+    memory = np.zeros(1, AXIS)
+    axis = memory.view(np.recarray)[0]
+    axis.truth.body.mesh_torque[1] = 1.0
+    axis.limits.share[LIMITS.index("current")] = 2.0
+    axis.controller.parameters.feel.forward_limit.angle = 3.0
+    sources = "truth.body.mesh_torque.2", "limits.share.current", "controller.parameters.feel.forward_limit.angle"
+    ((*places,),) = words(AXIS, [Topic("/x", 1, "", tuple(Signal("y", "1", "", source) for source in sources))])
+    assert memory.view(np.float64)[places].tolist() == [1.0, 2.0, 3.0]
 
 
 def test_a_row_is_nan_until_it_is_written() -> None:
     room = Buffers(CLOCK, 1, 3, 8, 16)
     trace = room.part(8, 16)
-    trace.drive["voltage"][2, 0] = 5.0
+    words = np.zeros((1, AXIS.itemsize // 8))
+    number = TOPIC["/drive"].names.index("voltage")
+    one = trace.drive[len(TOPIC["/pilot"].names) + number :][:1]  # topics of one cycle stand in the table's order
+    words[0, one[0, 0]] = 5.0
+    _trace(trace.values, one, words, 0, 2)
     found = room.tables([topics()], 8, 16)
     assert list(found) == [topic.path for topic in topics()]
     assert found["/drive"].shape == (4, 8)
-    assert found["/drive"][2, TOPIC["/drive"].names.index("voltage")] == 5.0
+    assert found["/drive"][2, number] == 5.0
     assert sum(np.isfinite(table).sum() for table in found.values()) == 1
     assert np.isnan(trace.poses).all()
 
 
 def test_a_part_of_the_room_is_the_rows_of_its_ticks() -> None:
     """Room is made for a long block and cut into short ones: what one writes no other sees, and nothing is left out."""
-    room, fields = Buffers(CLOCK, 2, 1, 16, 400), Trace._fields
+    room = Buffers(CLOCK, 2, 1, 16, 400)
+    declared = [topics(CLOCK, MOST_STAGES, axis) for axis in ("pitch", "roll")]
+    record = np.arange(AXIS.itemsize // 8)
     for number, first in enumerate(range(16, 416, 8)):
         part = room.part(first, 8)
-        for field in fields[:-1]:
-            assert np.isnan(getattr(part, field).view(np.float64)).all()
-            getattr(part, field).view(np.float64)[:] = number
-    whole = room.part(16, 400)
-    for field, topic in zip(fields[:-1], topics(CLOCK, MOST_STAGES), strict=True):
-        written = getattr(whole, field)[topic.names[0]]
-        assert written.shape == (400 // topic.ticks, 2)
-        np.testing.assert_array_equal(written[:, 1], np.arange(400 // topic.ticks) * topic.ticks // 8)
-    assert whole.poses.shape == (2, 1, 7)  # at ticks 200 and 400
+        assert all(np.isnan(table).all() for table in room.tables(declared, first, 8).values())
+        for places, every in ((part.tick, 1), (part.drive, 4), (part.plc, 8)):
+            for row in range(8 // every):
+                for axis in range(2):
+                    _trace(part.values, places, 1e6 * axis + 1e3 * number + np.stack([record, record]), axis, row)
+    whole = room.tables(declared, 16, 400)
+    for axis, own in enumerate(declared):
+        for topic, places in zip(own, words(AXIS, own), strict=True):
+            rows = np.arange(400 // topic.ticks) * topic.ticks // 8
+            np.testing.assert_array_equal(whole[topic.path], 1e6 * axis + 1e3 * rows[:, None] + places)
+    assert not np.isnan(room.part(16, 400).values).any()
+    assert room.part(16, 400).poses.shape == (2, 1, 7)  # at ticks 200 and 400
 
 
 @pytest.mark.parametrize("stages", range(MOST_STAGES + 1))

@@ -53,13 +53,9 @@ CRANK_SENSOR: Edits = {
 
 SIGNAL: Edits = {
     "signals.py": [
-        ('("torque", "N·m", "air-gap torque of the motor"),',
-         '("torque", "N·m", "air-gap torque of the motor"),\n            ("heat", "K", "rise of the winding"),'),
-    ],
-    "tick.py": [
-        ("    drive.voltage, drive.torque = truth.body.voltage, truth.body.motor_torque\n",
-         "    drive.voltage, drive.torque = truth.body.voltage, truth.body.motor_torque\n"
-         "    drive.heat = truth.body.temperature\n"),
+        ('("torque", "N·m", "air-gap torque of the motor", "truth.body.motor_torque"),',
+         '("torque", "N·m", "air-gap torque of the motor", "truth.body.motor_torque"),\n'
+         '            ("heat", "K", "rise of the winding", "truth.body.temperature"),'),
     ],
 }  # fmt: skip
 
@@ -193,9 +189,9 @@ print(json.dumps({name: drive[name].tolist() for name in ("heat", "current")}))
 """
 
 
-def test_a_signal_takes_its_declaration_and_the_line_that_writes_it(tmp_path):
-    """Two files; what records, and what reads a recording, have it from then on."""
-    assert len(SIGNAL) == 2
+def test_a_signal_takes_its_declaration(tmp_path):
+    """One file; what is written and recorded, and what reads a recording, have it from then on."""
+    assert len(SIGNAL) == 1
     found = run_there(copy_of_the_package(tmp_path, SIGNAL), RECORD)
     heat, current = np.array(found["heat"]), np.array(found["current"])
     assert len(heat) == len(current) == 50

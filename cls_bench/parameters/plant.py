@@ -8,6 +8,7 @@ from pydantic import model_validator
 
 from cls_bench.kinematics import FourBar
 from cls_bench.parameters.quantity import ARCMIN, DEG, GRAVITY, Section, part, quantity
+from cls_bench.signals import MOST_STAGES
 
 WIDEST = 3.0
 """No angle of a control is beyond this [rad]."""
@@ -123,10 +124,6 @@ class GearStage(Section):
     def carried(self) -> bool:
         """Whether its mesh turns with the output."""
         return self.kind in CARRIED
-
-
-MOST_STAGES = 3
-"""Stages that a gearbox can have."""
 
 
 def mesh_efficiency(overall: float, torque: float, drags: Sequence[float], ratios: Sequence[float]) -> float:

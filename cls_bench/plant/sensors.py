@@ -74,7 +74,6 @@ def weigh(cell: Any, mechanism: Any, body: Any, force: float, noise: float, spik
     discretised exactly for a force held over the tick; its converter saturates at the range. ``noise`` is a standard
     normal number, ``spike`` one in [0, 1), which is compared with the chance of a spike in a tick.
     """
-    body.strain_force = force
     body.zero += cell.drift * mechanism.tick
     shown = force
     if cell.creep != 0.0:
