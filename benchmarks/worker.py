@@ -147,17 +147,18 @@ def plain() -> Callable[[], float]:
     bench.start()
     timeline = HandTimeline(scenario)
     bodies = _Table([_plain(record) for record in bench._axes])
+    none = np.zeros((0, 4), np.int64)  # a user would not copy numbers one by one from array to array
     at = 0
 
     def measure() -> float:
         nonlocal at
         hand = loop.Hand.of([timeline.sample(at, ticks)])
         noise = bench._streams.draw(ticks, bench._chances)
-        trace = bench._room(at, ticks)
+        trace = bench._room(at, ticks)._replace(tick=none, drive=none, plc=none)
         start = time.perf_counter()
         loop.advance(
-            bench.plant, bodies, bench._watched, hand, noise, trace, bench._bodies, bench._cycles, bench._warned,
-            at, ticks, 0,
+            bench.plant, bodies, bench._watched, hand, noise, trace, bench._bodies, bench._cycles, bench._bound,
+            bench._warned, at, ticks, 0,
         )  # fmt: skip
         at += ticks
         return (time.perf_counter() - start) / ticks

@@ -270,9 +270,9 @@ class Bench:
         set_parameters(axis.record, parameters)
         self.parameters_of[axis.name] = parameters
         plant_model.set_weights(self.model, axis.name, parameters)
-        now = self.parameters_of.values()
-        lost = [p.plc.frame_loss > 0.0 for p in now]
-        self._chances = [p.load_cell.spike_rate > 0.0 for p in now], lost, lost
+        self._bound = tick.bound(self.parameters_of.values())
+        woken = [{**sensors.woken(p), **plc.woken(p)} for p in self.parameters_of.values()]
+        self._chances = [[each[source] for each in woken] for source in sensors.UNIFORM]
 
     def _named(self, name: str) -> Axis:
         for axis in self.axes:
@@ -370,8 +370,8 @@ class Bench:
 
     def _advance(self, hand: Any, noise: Any, trace: Any, ticks: int) -> int:
         return tick.advance(
-            self.plant, self._memory, self._watched, hand, noise, trace, self._bodies, self._cycles, self._warned,
-            self._tick, ticks, self._outer_loop.ask.address,
+            self.plant, self._memory, self._watched, hand, noise, trace, self._bodies, self._cycles, self._bound,
+            self._warned, self._tick, ticks, self._outer_loop.ask.address,
         )  # fmt: skip
 
     def _log(
@@ -417,7 +417,7 @@ class Bench:
 
     def _lost(self, warned: Sequence[str]) -> str:
         """What a run that left all bounds was lost by."""
-        joint = tick.first_unbounded(self.plant)
+        joint = tick.first_unbounded(self.plant, self._bound)
         if joint >= 0:
             return f"velocity of joint {self.model.joint(joint).name} is not finite or out of all bounds"
         for axis in self.axes:

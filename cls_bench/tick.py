@@ -20,7 +20,7 @@ The order is written here once, and every delay is a latch with its length in th
 out; ``docs/architecture.md`` repeats it, and a test compares.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,11 +30,17 @@ from cls_bench.compiled import call, compiled, mj_step
 from cls_bench.control import controller, limits
 from cls_bench.control.controller import Watched
 from cls_bench.hand import HandSamples
+from cls_bench.parameters import Parameters
 from cls_bench.plant import limb, mechanism, sensors
 from cls_bench.plant.state import Plant
 
 BOUND = 1.0e4
-"""Velocity [rad/s] that no joint of a sound run reaches: eight times the motor at no load."""
+"""Velocity [rad/s] that no joint of a sound run reaches: over eight times the thesis's motor at no load."""
+
+
+def bound(axes: Iterable[Parameters]) -> float:
+    """:data:`BOUND`, or with a faster motor among the ``axes`` eight times its speed at no load."""
+    return max(BOUND, *(8.0 * p.drive.voltage_limit / p.motor.torque_constant for p in axes))
 
 
 class Hand(NamedTuple):
@@ -92,13 +98,13 @@ class Due(NamedTuple):
 
 
 @compiled
-def first_unbounded(plant: Plant) -> int:
-    """Index of the first joint whose velocity is not finite or beyond :data:`BOUND`; −1 if there is none.
+def first_unbounded(plant: Plant, limit: float) -> int:
+    """Index of the first joint whose velocity is not finite or beyond ``limit`` [rad/s]; −1 if there is none.
 
     Whatever force is lost shows in a velocity at the next step.
     """
     for joint in range(plant.qvel.shape[0]):
-        if not abs(plant.qvel[joint]) < BOUND:
+        if not abs(plant.qvel[joint]) < limit:
             return joint
     return -1
 
@@ -169,14 +175,14 @@ def _grip(plant: Plant, axis: Any, hand: Hand, a: int, row: int) -> None:
 @compiled
 def advance(
     plant: Plant, axes: Any, watched: Watched, hand: Hand, noise: Any, trace: Any, bodies: Bodies, cycles: Cycles,
-    warned: Any, first_tick: int, ticks: int, ask: int,
+    limit: float, warned: Any, first_tick: int, ticks: int, ask: int,
 ) -> int:  # fmt: skip
     """Run ``ticks`` ticks from ``first_tick`` on, the start of a PLC cycle; returns how many were run.
 
-    Fewer are run only where a state left all bounds, MuJoCo warned (``warned[0]``) or ``ask`` refuses. ``hand``,
-    ``noise`` and ``trace`` belong to these ticks. Where a user's outer loop gives the set values of an axis
-    (``state.external``), ``ask`` is called with tick · axes + axis, reads the measurement there and writes them; it
-    returns 0, or anything else to stop.
+    Fewer are run only where a velocity is beyond ``limit`` [rad/s] or a state is not finite, MuJoCo warned
+    (``warned[0]``) or ``ask`` refuses. ``hand``, ``noise`` and ``trace`` belong to these ticks. Where a user's outer
+    loop gives the set values of an axis (``state.external``), ``ask`` is called with tick · axes + axis, reads the
+    measurement there and writes them; it returns 0, or anything else to stop.
     """
     count = axes.shape[0]
     # The next tick of each cycle, and the rows that were written of it: cheaper than a remainder in every tick.
@@ -198,7 +204,7 @@ def advance(
             mechanism.arrive(plant, axis.truth)
             sensors.sample(plant, axis.truth, noise, a, row, axis.samples)
             sound = sound and mechanism.is_finite(axis.truth.body)
-        if not sound or first_unbounded(plant) >= 0:
+        if not sound or first_unbounded(plant, limit) >= 0:
             return row
         for a in range(count):
             axis = axes[a]

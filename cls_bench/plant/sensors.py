@@ -28,6 +28,11 @@ UNIFORM = ("spike", "command_frame", "feedback_frame")
 """Sources of chance, uniform in [0, 1); drawn only while something depends on them."""
 
 
+def woken(p: Parameters) -> dict[str, bool]:
+    """Which sources of chance the sensors depend on with these parameters."""
+    return {"spike": p.load_cell.spike_rate > 0.0}
+
+
 class Noise(NamedTuple):
     """The random numbers of a block, (ticks, axes) each; those of :data:`UNIFORM` may be empty."""
 
