@@ -208,6 +208,7 @@ def topics(clock: Clock = CLOCK, stages: int = 2, axis: str = "") -> tuple[Topic
             ("angle", "rad", "column angle from neutral", "truth.shown.column_angle"),
             ("velocity", "rad/s", "column angular velocity", "truth.shown.column_velocity"),
             ("torque", "N·m", "torque the pilot exerts on the column", "truth.body.grip_torque"),
+            ("potentiometer", "rad", "column angle from the potentiometer", "samples.potentiometer"),
         ),
         topic(
             "/drive", clock.drive_ticks, "The servo drive, at the motor shaft.",
@@ -219,6 +220,8 @@ def topics(clock: Clock = CLOCK, stages: int = 2, axis: str = "") -> tuple[Topic
             ("current", "A", "motor current (r.m.s. phase equivalent)", "samples.current"),
             ("voltage", "V", "motor voltage (power-invariant equivalent)", "truth.body.voltage"),
             ("torque", "N·m", "air-gap torque of the motor", "truth.body.motor_torque"),
+            ("winding_temperature", "K", "temperature of the motor's winding above its surroundings",
+             "truth.body.temperature"),
         ),
         *([gearbox] if stages else []),
         topic(

@@ -27,7 +27,8 @@ from tests.running import advanced
 CYCLE = 8
 TICK = 5e-5
 IDEAL = ["encoder.noise=0.0", "load_cell.noise=0.0", "gearbox.stage1.transmission_error=0.0",
-         "gearbox.stage2.transmission_error=0.0", "load_cell.filter_bandwidth=100000.0"]  # fmt: skip
+         "gearbox.stage2.transmission_error=0.0", "load_cell.filter_bandwidth=100000.0",
+         "potentiometer.noise=0.0"]  # fmt: skip
 RIGS = {
     "two stages": [],
     # Of the same ratio, so that drive and PLC are none the wiser.
@@ -44,6 +45,7 @@ hand = [{at = 0.0, kind = "sine", amplitude_deg = 12.0, frequency = 4.0, fade = 
 squeeze = [{at = 0.0, value = 0.3, over = 0.0}]
 """
 CRANK, ROD, HEIGHT, ARM = 0.100, 0.209, 0.300, 0.175
+POTENTIOMETER = 2.0 * math.radians(30.0) / 2**16
 
 
 def signals_of(rig: str) -> list[str]:
@@ -72,6 +74,7 @@ def state_of(bench: Bench) -> dict[str, float]:
     found |= {f"{name}_rate": float(data.joint(name).qvel[0]) for name in joints}
     found |= {f"bristle{k}": float(body.bristle[k]) for k in range(MOST_STAGES)}
     found["current"], found["terminals"] = float(body.current), float(body.voltage)
+    found["temperature"] = float(body.temperature)
     found["voltage"] = float(control.servo.voltage)
     found |= {f"feel_{name}": float(control.feel[name]) for name in ("angle", "velocity", "torque")}
     return found
@@ -167,6 +170,9 @@ def expected(r: Recorded, signals: dict[str, Any]) -> dict[str, tuple[Any, Any, 
     # Over the step that led here, with the voltage that was on and the speed that moved the rotor.
     final = (was["terminals"] - 0.2944 * was["motor_rate"]) / 6.0
     current = final + (was["current"] - final) * math.exp(-TICK * 6.0 / 6.0e-3)
+    shown = np.floor(was["column"] / POTENTIOMETER + 0.5) * POTENTIOMETER
+    heat = 6.0 * was["current"] ** 2 * 1.444
+    warmed = heat + (was["temperature"] - heat) * math.exp(-TICK / 60.0)
     angle = np.append([0.0, 0.0], signals["/feel.angle"])[:count]  # a bus cycle, then the drive's own
     return {
         "/pilot.hand_force": (first("/pilot.hand_force"), hand / HEIGHT, 1e-9),
@@ -175,6 +181,7 @@ def expected(r: Recorded, signals: dict[str, Any]) -> dict[str, tuple[Any, Any, 
         "/column.angle": (first("/column.angle"), was["column"], 0.0),
         "/column.velocity": (first("/column.velocity"), was["column_rate"], 0.0),
         "/column.torque": (first("/column.torque"), hand, 1e-9),
+        "/column.potentiometer": (first("/column.potentiometer"), shown, 1e-12),
         "/drive.set_position": (set_position, 1.75 * 25.0 * angle, 0.6),
         "/drive.position": (first("/drive.position"), was["motor"], 2.5e-5),
         "/drive.set_velocity": (signals["/drive.set_velocity"], interpolated, 1e-9),
@@ -183,6 +190,7 @@ def expected(r: Recorded, signals: dict[str, Any]) -> dict[str, tuple[Any, Any, 
         "/drive.current": (first("/drive.current"), current, 1e-12),
         "/drive.voltage": (first("/drive.voltage"), was["voltage"], 0.0),
         "/drive.torque": (first("/drive.torque"), 0.2944 * current, 1e-12),
+        "/drive.winding_temperature": (first("/drive.winding_temperature"), warmed, 1e-12),
         **gear_laws(r, first),
         "/load_cell.force": (first("/load_cell.force"), force, 1e-6),
         "/load_cell.torque": (first("/load_cell.torque"), ARM * force, 2.0),
@@ -266,7 +274,7 @@ def test_a_row_is_nan_until_it_is_written() -> None:
     _trace(trace.values, one, words, 0, 2)
     found = room.tables([topics()], 8, 16)
     assert list(found) == [topic.path for topic in topics()]
-    assert found["/drive"].shape == (4, 8)
+    assert found["/drive"].shape == (4, len(TOPIC["/drive"].names))
     assert found["/drive"][2, number] == 5.0
     assert sum(np.isfinite(table).sum() for table in found.values()) == 1
     assert np.isnan(trace.poses).all()

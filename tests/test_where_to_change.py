@@ -55,7 +55,8 @@ SIGNAL: Edits = {
     "signals.py": [
         ('("torque", "N·m", "air-gap torque of the motor", "truth.body.motor_torque"),',
          '("torque", "N·m", "air-gap torque of the motor", "truth.body.motor_torque"),\n'
-         '            ("heat", "K", "rise of the winding", "truth.body.temperature"),'),
+         '            ("integral", "N·m", "what the velocity controller has added up",\n'
+         '             "controller.state.servo.velocity_integral"),'),
     ],
 }  # fmt: skip
 
@@ -185,7 +186,8 @@ hand = 'hand = [{at = 0.0, kind = "step", to_N = 60.0}]'
 Path("t.toml").write_text(f'title = "t"\\nduration = 0.01\\n{hand}')
 result = run("t.toml", out=Path("out"), rerun=False)
 drive = Recording(result.mcap).read("/drive")
-print(json.dumps({name: drive[name].tolist() for name in ("heat", "current")}))
+names = "integral", "torque_command", "set_velocity", "velocity"
+print(json.dumps({name: drive[name].tolist() for name in names}))
 """
 
 
@@ -193,8 +195,8 @@ def test_a_signal_takes_its_declaration(tmp_path):
     """One file; what is written and recorded, and what reads a recording, have it from then on."""
     assert len(SIGNAL) == 1
     found = run_there(copy_of_the_package(tmp_path, SIGNAL), RECORD)
-    heat, current = np.array(found["heat"]), np.array(found["current"])
-    assert len(heat) == len(current) == 50
-    # C dT/dt = R i², so early on: the sum of it over the rows of 200 µs.
-    assert heat[-1] == pytest.approx(6.0 * 1.444 / 60.0 * np.trapezoid(current**2, dx=2e-4), rel=0.1)
-    assert heat[-1] > 0.0
+    integral, torque, asked, velocity = (np.array(rows) for rows in found.values())
+    assert len(integral) == 50
+    # T = k_p e + integral: what is left of the torque but for the proportional part.
+    np.testing.assert_allclose(integral, torque - 9.27e-5 * 2.0 * np.pi * 100.0 * (asked - velocity), atol=1e-12)
+    assert np.ptp(integral) > 5e-4
