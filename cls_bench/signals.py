@@ -171,6 +171,7 @@ _LIMITS = (
     ("current", "the drive's set current was held at the peak or, once I²t was full, continuous current"),
     ("voltage", "the drive's voltage was held at what the DC bus gives"),
     ("travel", "the column was beyond its travel"),
+    ("bus", "the field bus lost its frames, of which there are two a cycle"),
 )
 """Of drive, PLC and sensors: names as in :data:`cls_bench.control.limits.LIMITS`, and what each does."""
 

@@ -110,9 +110,12 @@ def first_unbounded(plant: Plant, limit: float) -> int:
 
 
 @compiled
-def _is_lost(loss: float, chances: Any, row: int, a: int) -> bool:
-    """Whether the bus loses a frame."""
-    return bool(loss > 0.0 and chances[row, a] < loss)
+def _is_lost(bus: Any, chances: Any, watch: Any, row: int, a: int, cycles: Cycles) -> bool:
+    """Whether the bus loses a frame; noted if so."""
+    if bus.frame_loss > 0.0 and chances[row, a] < bus.frame_loss:
+        limits.lose(watch, cycles.bus)
+        return True
+    return False
 
 
 @compiled
@@ -139,16 +142,15 @@ def _control(
 ) -> bool:  # fmt: skip
     """PLC, bus and drive of an axis in a tick; whether a user's outer loop went along."""
     control, samples = axis.controller, axis.samples
-    loss = control.parameters.plc.frame_loss
-    controller.measure(
-        control, samples, due.bus and _is_lost(loss, noise.feedback_frame, row, a), tick, cycles, due
-    )  # fmt: skip
+    lost = due.bus and _is_lost(control.parameters.plc, noise.feedback_frame, axis.limits, row, a, cycles)
+    controller.measure(control, samples, lost, tick, cycles, due)
     if due.plc:
         if control.state.external != 0 and controller.is_on(control.state) and call(ask, number) != 0:
             return False
         controller.task(control, samples, watched, a, tick)
     if due.bus:
-        controller.send(control, _is_lost(loss, noise.command_frame, row, a), tick // cycles.bus)
+        lost = _is_lost(control.parameters.plc, noise.command_frame, axis.limits, row, a, cycles)
+        controller.send(control, lost, tick // cycles.bus)
     controller.drive(control, samples, watched, a, tick, cycles, due)
     return True
 

@@ -9,13 +9,13 @@ import numpy as np
 
 from cls_bench.compiled import compiled
 
-LIMITS = ("load_cell", "set_angle", "speed", "torque", "current", "voltage", "travel")
+LIMITS = ("load_cell", "set_angle", "speed", "torque", "current", "voltage", "travel", "bus")
 """Names, as those of the signals of ``/limits``."""
 
 SLOTS = {name: LIMITS for name in ("ticks", "peak", "limit", "share")}
 """Names of the columns of :data:`STATE`."""
 
-LOAD_CELL, SET_ANGLE, SPEED, TORQUE, CURRENT, VOLTAGE, TRAVEL = range(len(LIMITS))
+LOAD_CELL, SET_ANGLE, SPEED, TORQUE, CURRENT, VOLTAGE, TRAVEL, BUS = range(len(LIMITS))
 
 STATE = np.dtype(
     [
@@ -45,6 +45,12 @@ def compare(watch: Any, which: int, asked: float, limit: float) -> None:
     """:func:`note` the tick if ``asked`` is beyond ± ``limit``."""
     if abs(asked) > limit * (1.0 + ROUNDING):
         note(watch, which, abs(asked), limit)
+
+
+@compiled
+def lose(watch: Any, cycle: int) -> None:
+    """Note that the bus lost one of the two frames of its ``cycle`` [ticks]."""
+    watch.ticks[BUS] += 0.5 * cycle
 
 
 @compiled

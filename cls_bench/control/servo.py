@@ -88,7 +88,7 @@ def position_controller(
 
 @compiled
 def speed_filter(gains: Gains, state: Any, encoder: float, cycle: float) -> None:
-    """Each velocity cycle: velocity from the encoder by its difference over the cycle, first-order low pass."""
+    """Velocity from the encoder, each velocity cycle: difference over the cycle, first-order low pass."""
     raw = (encoder - state.encoder_before) / cycle
     state.encoder_before = encoder
     state.velocity += gains.speed_filter * (raw - state.velocity)
