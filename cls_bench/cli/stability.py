@@ -100,19 +100,23 @@ def _trial_options(function: Callable[..., Any]) -> Callable[..., Any]:
         click.option("--pulse", type=FiniteRange(0, min_open=True), metavar="RAD/S²",
                      help="Acceleration that the disturbing pulse gives the feel model for 10 ms.  [default: 35, "
                           "with --ideal 5]"),
+        click.option("--slowest-hz", type=FiniteRange(1, 10), default=10.0, show_default=True, metavar="HZ",
+                     help="Slowest oscillation that a trial sees; slower ones need longer trials."),
         click.option("--seed", type=SEED, default=0, show_default=True, help="Seed of the noise."),
     ):  # fmt: skip
         function = option(function)
     return function
 
 
-def _standard(ideal: bool, rate_deg: float | None, pulse: float | None, seed: int) -> "Standard":
+def _standard(
+    ideal: bool, rate_deg: float | None, pulse: float | None, slowest_hz: float, seed: int
+) -> "Standard":
     from cls_bench.stability.trial import STILL, Standard
 
     standard = STILL if ideal else Standard()
     return dataclasses.replace(
         standard, rate_deg=standard.rate_deg if rate_deg is None else rate_deg,
-        pulse=standard.pulse if pulse is None else pulse, seed=seed,
+        pulse=standard.pulse if pulse is None else pulse, seed=seed, slowest=slowest_hz,
     )  # fmt: skip
 
 
@@ -306,7 +310,8 @@ def predict(given: GivenSetup, as_json: bool) -> None:
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of tables.")
 def onset(
     vary: str, low: float | None, high: float | None, tolerance: float, given: GivenSetup,
-    rate_deg: float | None, pulse: float | None, seed: int, controller: GivenController, as_json: bool,
+    rate_deg: float | None, pulse: float | None, slowest_hz: float, seed: int,
+    controller: GivenController, as_json: bool,
 ) -> None:  # fmt: skip
     """Search where the running bench turns unstable."""
     from cls_bench.linear.variation import variation
@@ -314,7 +319,7 @@ def onset(
     setup = given.of()
     quantity = variation(vary, low, high, of=setup.parameters)
     found = _find(
-        controller, setup, quantity, _standard(given.ideal, rate_deg, pulse, seed), quiet=as_json,
+        controller, setup, quantity, _standard(given.ideal, rate_deg, pulse, slowest_hz, seed), quiet=as_json,
         tolerance=tolerance,
     )  # fmt: skip
     last = found.last_unstable
@@ -373,7 +378,7 @@ def _trial_line(unit: str, quiet: bool) -> Any:
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of text.")
 def stability_map(
     x: str, y: str, x_range: tuple[float, float] | None, y_range: tuple[float, float] | None, size: tuple[int, int],
-    given: GivenSetup, rate_deg: float | None, pulse: float | None, seed: int,
+    given: GivenSetup, rate_deg: float | None, pulse: float | None, slowest_hz: float, seed: int,
     out: Path | None, resume: bool, scheduler: str, as_json: bool,
 ) -> None:  # fmt: skip
     """Map stability over two quantities: a trial at each point, beside the linear model and Eq. 3.16.
@@ -400,8 +405,8 @@ def stability_map(
         with points_progress(quiet=as_json) as report:
             result = compute(
                 setup, Grid(axes[0], axes[1], *size),
-                _standard(given.ideal, rate_deg, pulse, seed), journal=journal, resume=resume, scheduler=scheduler,
-                report=report, say=lambda line: click.echo(line, err=True),
+                _standard(given.ideal, rate_deg, pulse, slowest_hz, seed), journal=journal, resume=resume,
+                scheduler=scheduler, report=report, say=lambda line: click.echo(line, err=True),
             )  # fmt: skip
     except KeyboardInterrupt:
         raise Interrupted(f"interrupted; kept: {journal}; continue with --resume") from None
@@ -434,7 +439,7 @@ def stability_map(
 @click.option("--scheduler", default="threads", show_default=True, metavar="WHERE", help="As for stability-map.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of a table.")
 def stabilisers(
-    given: GivenSetup, rate_deg: float | None, pulse: float | None, seed: int,
+    given: GivenSetup, rate_deg: float | None, pulse: float | None, slowest_hz: float, seed: int,
     out: Path | None, scheduler: str, as_json: bool,
 ) -> None:  # fmt: skip
     """Least stable simulated inertia with and without what a designer can do about it."""
@@ -447,7 +452,7 @@ def stabilisers(
     setup = given.of()
     with points_progress(quiet=as_json) as report:
         found = compare(
-            setup, _standard(given.ideal, rate_deg, pulse, seed), scheduler=scheduler, report=report
+            setup, _standard(given.ideal, rate_deg, pulse, slowest_hz, seed), scheduler=scheduler, report=report
         )
     folder = results_folder(out or RECORDINGS / "stabilisers", began)
     try:
@@ -489,7 +494,8 @@ def check() -> None:
 @click.pass_context
 def check_onset(
     ctx: click.Context, min_ratio: float | None, min_margin: float | None, given: GivenSetup,
-    rate_deg: float | None, pulse: float | None, seed: int, controller: GivenController, as_json: bool,
+    rate_deg: float | None, pulse: float | None, slowest_hz: float, seed: int,
+    controller: GivenController, as_json: bool,
 ) -> None:  # fmt: skip
     """Pass if a tight grip stays stable up to I_fwd = R · I_fcs, and the present hand is stable by a margin.
 
@@ -504,7 +510,7 @@ def check_onset(
         raise InputError("check onset: give --min-ratio, --min-margin, or both")
     wanted = 0.0 if min_margin is None else min_margin
     setup = given.of()
-    standard = _standard(given.ideal, rate_deg, pulse, seed)
+    standard = _standard(given.ideal, rate_deg, pulse, slowest_hz, seed)
     vary = variation("forward_inertia", of=setup.parameters)
     found = _find(controller, setup, vary, standard, quiet=True, follow=False)
     inertia, present = setup.parameters.feel.inertia, forward_inertia(setup.parameters, setup.hand)

@@ -172,7 +172,7 @@ def _facts(run: RecordedRun) -> str:
     if start:
         with suppress(ValueError):
             facts.append(f"recorded {dt.datetime.fromisoformat(start):%-d %B %Y, %H:%M} UTC")
-    facts += [f"seed {run.scenario.seed}", run.path.name]
+    facts += [f"rig {run.scenario.the_rig.name}", f"seed {run.scenario.seed}", run.path.name]
     return " · ".join(facts)
 
 
@@ -258,8 +258,14 @@ def _parameters(run: RecordedRun) -> Section:
     if not changed:
         return Section("Parameters", "All parameters have their default values.")
     header = ("parameter", "value", "default", "unit", "meaning")
-    rows = [(c.key, f"{c.value}", f"{c.default}", c.unit, c.meaning) for c in changed]
+    rows = [(c.key, *_told_apart(c.value, c.default), c.unit, c.meaning) for c in changed]
     return Section("Parameters that differ from the defaults", "", (header, *rows))
+
+
+def _told_apart(value: Any, default: Any) -> tuple[str, str]:
+    """Both in six digits, or in all of them where six would be the same."""
+    short = tuple(f"{x:.6g}" if type(x) is float else str(x) for x in (value, default))
+    return (short[0], short[1]) if short[0] != short[1] else (str(value), str(default))
 
 
 def _changes(run: RecordedRun) -> Section | None:
@@ -301,10 +307,12 @@ def _seconds_between(start: str, end: str) -> float:
 def _command(run: RecordedRun) -> str:
     """The commands that make the same recording again, and what they depend on; each word quoted for a shell."""
     words = ["cls-bench", "run"]
+    rig = run.scenario.the_rig
     for entry in run.scenario.overrides:
-        words += ["--set", printable(entry, 1000)]
+        chosen = entry.partition("=")[0].strip() == "rig"
+        words += ["--rig", rig.file if rig.is_file else rig.name] if chosen else ["--set", printable(entry, 1000)]
     about = {name: printable(text, 1000) for name, text in run.recording.metadata.items()}
-    notes = []
+    notes = [f"the rig's file is the attachment {one_line(rig.file)}"] if rig.is_file else []
     place = run.scenario.controller_place
     if not run.has_feel_model:
         source, name = about.get("controller.source", ""), about["controller.name"]

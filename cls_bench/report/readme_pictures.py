@@ -53,6 +53,34 @@ def main(docs: Path) -> None:
                 rendering.save_still(Recording(result.mcap), BREAKS_AWAY_S, folder / "bench.png", (1280, 960))
             print(name, result.status, flush=True)
     (docs / "gallery.md").write_text("\n".join(page), encoding="utf-8")
+    rigs(folder / "rigs.png")
+
+
+def rigs(path: Path) -> None:
+    """One picture of all rigs that come with the bench."""
+    opengl.choose()
+    import matplotlib.image
+    from matplotlib.figure import Figure
+
+    from cls_bench import experiment
+    from cls_bench.recording import Recording
+    from cls_bench.report import rendering, style
+    from cls_bench.resources import shipped_rigs
+    from cls_bench.scenario import Hold, Scenario
+
+    names = list(shipped_rigs())
+    figure = Figure(figsize=(9.0, 4.4), layout="constrained")
+    with tempfile.TemporaryDirectory() as folder:
+        for number, name in enumerate(names):
+            held = Scenario(title=name, duration=0.1, rig=name, hand=[Hold(at=0.0, angle_deg=0.0)])
+            result = experiment.run(held, out=Path(folder), rerun=False)
+            still = Path(folder) / f"{name}.png"
+            rendering.save_still(Recording(result.mcap), 0.1, still, (900, 740))
+            axes = figure.add_subplot(2, -(-len(names) // 2), number + 1)
+            axes.imshow(matplotlib.image.imread(still))
+            axes.set_title(name, fontsize=9)
+            axes.set_axis_off()
+    style.save_png(figure, path)
 
 
 if __name__ == "__main__":

@@ -38,7 +38,7 @@ WINDOW, HOP = 150, 50
 """Samples in a window of the fit (0.12 s: five periods at 40 Hz), and from one window to the next."""
 
 BAND = (SLOW, 300.0)
-"""Frequencies of the loop's oscillation [Hz]."""
+"""Frequencies of the loop's oscillation [Hz]; slower ones where :attr:`Standard.slowest` asks for them."""
 
 PUSH, PUSH_FREQUENCY = 8.0, 0.5
 """Force [N] of a hand that pushes with a force alone, and how often it goes to and fro [Hz]."""
@@ -62,6 +62,9 @@ count as sustained, and below which it is gone: what is left is vibration of the
 itself, however irregular it is."""
 
 
+SWING = 310
+"""Samples over which a swing slower than :data:`BAND` is looked for (0.25 s: two periods and a half at 10 Hz)."""
+
 MOST_TRAVEL = 0.5
 """Share of the column's travel that the hand moves over; where that is less than asked for it moves more slowly."""
 
@@ -82,6 +85,13 @@ class Standard:
     time: float = 1.0
     """longest observation after the pulse [s]"""
     seed: int = 0
+    slowest: float = SLOW
+    """slowest oscillation that is fitted [Hz]: where it is less than 10, windows and observation are as much longer"""
+
+    @property
+    def stretch(self) -> float:
+        """How much longer windows are than those for 10 Hz."""
+        return SLOW / self.slowest
 
     @property
     def pulse_at(self) -> float:
@@ -91,14 +101,15 @@ class Standard:
     @property
     def duration(self) -> float:
         """Longest run [s]: a moving hand is watched as long as it moves."""
-        longest = self.pulse_at + self.pulse_time + SETTLE + self.time
+        longest = self.pulse_at + self.pulse_time + SETTLE + self.time * self.stretch
         return longest if self.rate_deg == 0 else min(longest, _MOTION_AT + 2.0 * self.travel_deg / self.rate_deg)
 
     def __post_init__(self) -> None:
-        needed = self.pulse_at + self.pulse_time + SETTLE + (WINDOW + 4 * HOP) * PERIOD
+        needed = self.pulse_at + self.pulse_time + SETTLE + (WINDOW + 4 * HOP) * PERIOD * self.stretch
         if not self.duration > needed:
             raise InputError(
-                f"a trial at {self.rate_deg:g} deg/s over ±{self.travel_deg:g}° ends too early; move slower"
+                f"a trial at {self.rate_deg:g} deg/s over ±{self.travel_deg:g}° ends too early to see "
+                f"{self.slowest:g} Hz; move slower, or hold still with a rate of 0"
             )
 
 
@@ -181,6 +192,12 @@ def _pulse(standard: Standard, inertia: float) -> Callable[[float], float]:
     return lambda time: torque if start <= time < end else 0.0
 
 
+def _rest_of_parabola(values: NDArray[np.float64]) -> float:
+    """Half the way from the least to the greatest of ``values``, once a parabola over them is taken away."""
+    x = np.linspace(-1.0, 1.0, len(values))
+    return 0.5 * float(np.ptp(values - np.polynomial.Polynomial.fit(x, values, 2)(x)))
+
+
 @dataclass(frozen=True)
 class _Fit:
     time: float
@@ -199,7 +216,7 @@ class _Watch:
 
     def __init__(self, standard: Standard, clock: Clock):
         self._standard = standard
-        self._ticks = max(1, round(PERIOD / clock.tick_s))
+        self._ticks = max(1, round(PERIOD * standard.stretch / clock.tick_s))
         self._period = self._ticks * clock.tick_s
         self._first = round((standard.pulse_at + standard.pulse_time + SETTLE) / self._period)
         self._velocity: NDArray[np.float64] = np.zeros(0)
@@ -216,7 +233,7 @@ class _Watch:
         while (start := self._first + HOP * len(self._fits)) + WINDOW <= len(acceleration):
             found = [
                 mode for mode in modes(acceleration[start : start + WINDOW], self._period)
-                if BAND[0] < mode.frequency < BAND[1]
+                if BAND[0] < mode.frequency * self._standard.stretch < BAND[1]
             ]  # fmt: skip
             # Of several the one with the largest speed: not the fast hum of the gears, not a slow remainder.
             mode = max(found, key=lambda m: m.amplitude / m.frequency, default=Mode(-math.inf, math.nan, 0.0, 0.0))
@@ -239,9 +256,22 @@ class _Watch:
                 return False, "grows"
             if self._kept(self._fits[-1]) < 1.0:  # a limit cycle larger than the pulse may breathe
                 return True, "decays"
-        if all(self._kept(fit) < GONE for fit in self._fits[-4:]):
+        if all(self._kept(fit) < GONE for fit in self._fits[-4:]) and not self.swings():
             return True, "dies out"
         return None
+
+    def swings(self) -> bool:
+        """Whether a swing goes on that is slower than the fits see: as a drive makes at the end of its torque.
+
+        What a slow intended motion leaves after a parabola was taken away, in the last :data:`SWING` samples against
+        the first after the pulse.
+        """
+        after = self._velocity[self._first :]
+        if len(after) < SWING:
+            return False
+        speed = self._standard.pulse * self._standard.pulse_time
+        early, late = _rest_of_parabola(after[:SWING]), _rest_of_parabola(after[-SWING:])
+        return late > KEPT * speed and late > 0.8 * early
 
     def last_decision(self) -> tuple[bool, str]:
         """(stable, reason) at the end of the time, from the trend over the second half."""
@@ -249,7 +279,7 @@ class _Watch:
         kept = max(self._kept(fit) for fit in last[-2:])
         frequencies = [fit.mode.frequency for fit in last]
         steady = max(frequencies) < 1.2 * min(frequencies)  # noise shows another one in each window
-        if kept > 1.0 or (kept > KEPT and steady and self.trend() > SUSTAINED):
+        if kept > 1.0 or (kept > KEPT and steady and self.trend() > SUSTAINED) or self.swings():
             return False, "sustained"
         return True, "dies out"
 
