@@ -220,7 +220,7 @@ class Gearbox(Section):
     @property
     def in_use(self) -> tuple[GearStage, ...]:
         """The stages there are, from the motor on."""
-        return (self.stage1, self.stage2, self.stage3)[: self.stages]
+        return tuple(getattr(self, f"stage{k}") for k in range(1, self.stages + 1))
 
     @property
     def ratio(self) -> float:
