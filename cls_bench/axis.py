@@ -51,6 +51,7 @@ def set_parameters(axis: Any, p: Parameters) -> None:
 def forget(axis: Any, p: Parameters) -> None:
     """Let the record ``axis`` remember nothing, as before it was first switched on."""
     axis.truth.body = np.zeros((), axis.truth.body.dtype)
+    axis.truth.shown = np.zeros((), axis.truth.shown.dtype)
     axis.samples = np.zeros((), axis.samples.dtype)
     axis.controller.state = np.zeros((), axis.controller.state.dtype)
     axis.limits = np.zeros((), axis.limits.dtype)
