@@ -25,9 +25,12 @@ AXIS = np.dtype(
     ]
 )
 
+SLOTS = {**plc.SLOTS, **limits.SLOTS}
+"""Names of the columns of its tables."""
+
 NUMBERS = (
-    validity.places(AXIS, ("controller.parameters.",), plc.SLOTS),
-    validity.places(AXIS, ("controller.state.", "samples."), plc.SLOTS),
+    validity.places(AXIS, ("controller.parameters.",), SLOTS),
+    validity.places(AXIS, ("controller.state.", "samples."), SLOTS),
 )
 """Names and places of the numbers that the controller's self-check looks at: its parameters, what it remembers."""
 
@@ -48,6 +51,7 @@ def set_parameters(axis: Any, p: Parameters) -> None:
 def forget(axis: Any, p: Parameters) -> None:
     """Let the record ``axis`` remember nothing, as before it was first switched on."""
     axis.truth.body = np.zeros((), axis.truth.body.dtype)
+    axis.truth.shown = np.zeros((), axis.truth.shown.dtype)
     axis.samples = np.zeros((), axis.samples.dtype)
     axis.controller.state = np.zeros((), axis.controller.state.dtype)
     axis.limits = np.zeros((), axis.limits.dtype)

@@ -22,6 +22,7 @@ from cls_bench import tick
 from cls_bench.axis import AXIS, NUMBERS, forget, set_parameters
 from cls_bench.compiled import JIT, records
 from cls_bench.control import plc, servo
+from cls_bench.control.controller import Watched
 from cls_bench.control.outer_loop import Asking, OuterLoop
 from cls_bench.controllers import failure_of
 from cls_bench.errors import BenchError, ExitCode, InputError
@@ -127,7 +128,7 @@ class Bench:
         self.topics = tuple(topic for axis in self.axes for topic in axis.topics)
         """what is recorded"""
         words = memory.view(np.float64, np.ndarray).reshape(len(memory), -1)
-        self._watched = tick.Watched(words, NUMBERS[0].words, NUMBERS[1].words)
+        self._watched = Watched(words, NUMBERS[0].words, NUMBERS[1].words)
         self._posed = poses
         self.body_names = mjcf.body_names(self._built)
         """names of the drawn bodies, world first"""
@@ -249,9 +250,9 @@ class Bench:
         set_parameters(axis.record, self._stepped(parameters))
         self.parameters_of[axis.name] = parameters
         plant_model.set_weights(self.model, axis.name, parameters)
-        now = self.parameters_of.values()
-        lost = [p.plc.frame_loss > 0.0 for p in now]
-        self._chances = [p.load_cell.spike_rate > 0.0 for p in now], lost, lost
+        self._bound = tick.bound(self.parameters_of.values())
+        woken = [{**sensors.woken(p), **plc.woken(p)} for p in self.parameters_of.values()]
+        self._chances = [[each[source] for each in woken] for source in sensors.UNIFORM]
 
     def _named(self, name: str) -> Axis:
         for axis in self.axes:
@@ -348,8 +349,8 @@ class Bench:
 
     def _advance(self, hand: Any, noise: Any, trace: Any, ticks: int) -> int:
         return tick.advance(
-            self.plant, self._memory, self._watched, hand, noise, trace, self._bodies, self._cycles, self._warned,
-            self._tick, ticks, self._outer_loop.ask.address,
+            self.plant, self._memory, self._watched, hand, noise, trace, self._bodies, self._cycles, self._bound,
+            self._warned, self._tick, ticks, self._outer_loop.ask.address,
         )  # fmt: skip
 
     def _log(
@@ -395,7 +396,7 @@ class Bench:
 
     def _lost(self, warned: Sequence[str]) -> str:
         """What a run that left all bounds was lost by."""
-        joint = tick.first_unbounded(self.plant)
+        joint = tick.first_unbounded(self.plant, self._bound)
         if joint >= 0:
             return f"velocity of joint {self.model.joint(joint).name} is not finite or out of all bounds"
         for axis in self.axes:

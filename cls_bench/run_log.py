@@ -34,6 +34,7 @@ _WORDS = {
     "current": _Words("drive", "current limit: {} asked for, {} allowed", "at the current limit", SI, "A"),
     "voltage": _Words("drive", "voltage limit: {} asked for, {} there", "at the voltage limit", SI, "V"),
     "travel": _Words("column", "beyond its travel: {}, travel {}", "beyond its travel", DEGREES, "°"),
+    "bus": _Words("field bus", "a frame was lost", "", SI, ""),
 }  # fmt: skip
 
 
@@ -156,8 +157,12 @@ class LimitLog:
 
     def _end(self, name: str, tick: int) -> Event:
         episode, words, clock = self._open.pop(name), _WORDS[name], self._clock
-        text = f"{words.over} for {episode.ticks * clock.tick_s:.4g} s since t = {clock.time(episode.first):.4f} s, "
-        return self._event(tick, "info", name, f"{text}at most {_amount(episode.peak, words)}")
+        since = f"since t = {clock.time(episode.first):.4f} s"
+        if name == "bus":  # two frames a cycle
+            lost = round(2.0 * episode.ticks / clock.bus_ticks)
+            return self._event(tick, "info", name, f"{lost} {'frames' if lost > 1 else 'frame'} lost {since}")
+        text = f"{words.over} for {episode.ticks * clock.tick_s:.4g} s {since}, at most {_amount(episode.peak, words)}"
+        return self._event(tick, "info", name, text)
 
 
 def _amount(value: float, words: _Words) -> str:

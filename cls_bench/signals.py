@@ -1,7 +1,7 @@
 """The table of recorded signals, and the blocks in which they travel.
 
-Every topic, signal name, unit, rate and sign is defined in :func:`topics` and nowhere else; the tick's trace buffers,
-the MCAP schemas, the Rerun entities and the documentation derive from it.
+Every topic, signal name, unit, rate, sign and source is defined in :func:`topics` and nowhere else; what the tick
+writes, the MCAP schemas, the Rerun entities and the documentation derive from it.
 
 Signs: angles are positive when the grip moves forward, away from the pilot (push); forces and torques are positive
 when they act in that direction; the load cell's force is positive in tension, which is what a pushing pilot causes.
@@ -113,6 +113,8 @@ class Signal:
     name: str
     unit: str
     meaning: str
+    source: str = field(default="", compare=False)
+    """dotted name of the number in an axis's record, :data:`cls_bench.axis.AXIS`; empty in what a file tells"""
 
 
 @dataclass(frozen=True)
@@ -152,12 +154,26 @@ MOST_STAGES = 3
 _AXIS = re.compile("[a-z][a-z0-9_]{0,19}")
 
 
-def _stage(number: int) -> tuple[tuple[str, str, str], ...]:
+def _stage(k: int) -> tuple[tuple[str, str, str, str], ...]:
+    body = "truth.body"
     return (
-        (f"stage{number}_twist", "rad", f"twist of stage {number}, backlash included"),
-        (f"stage{number}_torque", "N·m", f"torque through the mesh of stage {number}"),
-        (f"stage{number}_friction", "N·m", f"meshing friction of stage {number}, opposing motion"),
+        (f"stage{k}_twist", "rad", f"twist of stage {k}, backlash included", f"{body}.twist.{k}"),
+        (f"stage{k}_torque", "N·m", f"torque through the mesh of stage {k}", f"{body}.mesh_torque.{k}"),
+        (f"stage{k}_friction", "N·m", f"meshing friction of stage {k}, opposing motion", f"{body}.mesh_friction.{k}"),
     )
+
+
+_LIMITS = (
+    ("load_cell", "the load cell's converter was at the end of its range"),
+    ("set_angle", "the PLC's set angle was held at the software limit"),
+    ("speed", "the drive's set velocity was held at its speed limit"),
+    ("torque", "the drive's torque command was held at its torque limit"),
+    ("current", "the drive's set current was held at the peak or, once I²t was full, continuous current"),
+    ("voltage", "the drive's voltage was held at what the DC bus gives"),
+    ("travel", "the column was beyond its travel"),
+    ("bus", "the field bus lost its frames, of which there are two a cycle"),
+)
+"""Of drive, PLC and sensors: names as in :data:`cls_bench.control.limits.LIMITS`, and what each does."""
 
 
 def topics(clock: Clock = CLOCK, stages: int = 2, axis: str = "") -> tuple[Topic, ...]:
@@ -170,10 +186,11 @@ def topics(clock: Clock = CLOCK, stages: int = 2, axis: str = "") -> tuple[Topic
     if axis and not is_axis(axis):
         raise ValueError(f'"{axis}" is no name of an axis: up to 20 of a–z, 0–9 and _, a letter first')
 
-    def topic(path: str, ticks: int, meaning: str, *signals: tuple[str, str, str]) -> Topic:
+    def topic(path: str, ticks: int, meaning: str, *signals: tuple[str, str, str, str]) -> Topic:
         prefix = f"/{axis}" if axis else ""
         return Topic(f"{prefix}{path}", ticks, meaning, tuple(Signal(*s) for s in signals), clock.tick_ns)
 
+    servo = "controller.state.servo"
     gearbox = topic(
         "/gearbox", 1, "The stages of the gearbox, the motor's first; each stage's torque and twist at its output "
         "shaft, friction at its input shaft.",
@@ -182,52 +199,49 @@ def topics(clock: Clock = CLOCK, stages: int = 2, axis: str = "") -> tuple[Topic
     return (
         topic(
             "/pilot", clock.drive_ticks, "The hand on the grip.",
-            ("hand_force", "N", "force of the hand on the grip"),
-            ("squeeze", "1", "how tightly the hand grips: 0 loose, 1 rigid; −1 when it has let go"),
-            ("limb_angle", "rad", "angle of the forearm's mass about the column's axis"),
+            ("hand_force", "N", "force of the hand on the grip", "truth.shown.hand_force"),
+            ("squeeze", "1", "how tightly the hand grips: 0 loose, 1 rigid; −1 when it has let go",
+             "truth.shown.squeeze"),
+            ("limb_angle", "rad", "angle of the forearm's mass about the column's axis", "truth.shown.limb_angle"),
         ),
         topic(
             "/column", 1, "The control column.",
-            ("angle", "rad", "column angle from neutral"),
-            ("velocity", "rad/s", "column angular velocity"),
-            ("torque", "N·m", "torque the pilot exerts on the column"),
+            ("angle", "rad", "column angle from neutral", "truth.shown.column_angle"),
+            ("velocity", "rad/s", "column angular velocity", "truth.shown.column_velocity"),
+            ("torque", "N·m", "torque the pilot exerts on the column", "truth.body.grip_torque"),
+            ("potentiometer", "rad", "column angle from the potentiometer", "samples.potentiometer"),
         ),
         topic(
             "/drive", clock.drive_ticks, "The servo drive, at the motor shaft.",
-            ("set_position", "rad", "set position of the position controller"),
-            ("position", "rad", "position from the encoder"),
-            ("set_velocity", "rad/s", "set velocity of the velocity controller"),
-            ("velocity", "rad/s", "velocity after the speed filter"),
-            ("torque_command", "N·m", "torque asked of the current controller"),
-            ("current", "A", "motor current (r.m.s. phase equivalent)"),
-            ("voltage", "V", "motor voltage (power-invariant equivalent)"),
-            ("torque", "N·m", "air-gap torque of the motor"),
+            ("set_position", "rad", "set position of the position controller", f"{servo}.set_position"),
+            ("position", "rad", "position from the encoder", "samples.encoder"),
+            ("set_velocity", "rad/s", "set velocity of the velocity controller", f"{servo}.set_velocity"),
+            ("velocity", "rad/s", "velocity after the speed filter", f"{servo}.velocity"),
+            ("torque_command", "N·m", "torque asked of the current controller", f"{servo}.torque_command"),
+            ("current", "A", "motor current (r.m.s. phase equivalent)", "samples.current"),
+            ("voltage", "V", "motor voltage (power-invariant equivalent)", "truth.body.voltage"),
+            ("torque", "N·m", "air-gap torque of the motor", "truth.body.motor_torque"),
+            ("winding_temperature", "K", "temperature of the motor's winding above its surroundings",
+             "truth.body.temperature"),
         ),
         *([gearbox] if stages else []),
         topic(
             "/load_cell", 1, "The load cell and what the controller makes of it.",
-            ("force", "N", "force in the connecting rod as the strain gauge sees it, tension positive"),
-            (
-                "torque", "N·m", "torque about the column's axis that the PLC computes from the counts, unbalance "
-                "removed",
-            ),
-            ("counts", "1", "output of the analogue-to-digital converter"),
+            ("force", "N", "force in the connecting rod as the strain gauge sees it, tension positive",
+             "truth.body.rod_force"),
+            ("torque", "N·m", "torque about the column's axis that the PLC computes from the counts, unbalance removed",
+             "controller.state.plc.torque"),
+            ("counts", "1", "output of the analogue-to-digital converter", "samples.load_cell"),
         ),
         topic(
             "/feel", clock.plc_ticks, "The feel model (flight control system) in the PLC.",
-            ("torque", "N·m", "sum of the torques that act on the model"),
-            ("angle", "rad", "column angle of the model"),
-            ("velocity", "rad/s", "column angular velocity of the model"),
+            ("torque", "N·m", "sum of the torques that act on the model", "controller.state.feel.torque"),
+            ("angle", "rad", "column angle of the model", "controller.state.feel.angle"),
+            ("velocity", "rad/s", "column angular velocity of the model", "controller.state.feel.velocity"),
         ),
         topic(
             "/limits", clock.plc_ticks, "Limits that were reached, each as a share of the ticks since the row before.",
-            ("load_cell", "1", "the load cell's converter was at the end of its range"),
-            ("set_angle", "1", "the PLC's set angle was held at the software limit"),
-            ("speed", "1", "the drive's set velocity was held at its speed limit"),
-            ("torque", "1", "the drive's torque command was held at its torque limit"),
-            ("current", "1", "the drive's set current was held at the peak or, once I²t was full, continuous current"),
-            ("voltage", "1", "the drive's voltage was held at what the DC bus gives"),
-            ("travel", "1", "the column was beyond its travel"),
+            *((name, "1", meaning, f"limits.share.{name}") for name, meaning in _LIMITS),
         ),
     )  # fmt: skip
 

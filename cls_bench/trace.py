@@ -1,27 +1,61 @@
-"""Where the tick writes what is recorded: a row of named signals for each topic and axis.
+"""What is recorded: from where in an axis's record to where in the buffers.
 
-The fields are those of :func:`cls_bench.signals.topics`. A row is written by signal name, so its column has no number
-to mistake; what is not written stays NaN, and a NaN in a recording ends the run. The buffers have room for all stages
-that a gearbox can have, so that one machine code serves all; what a rig does not have is not handed on.
+:func:`cls_bench.signals.topics` declares each signal with its source. Here the names become places, once; the tick
+copies numbers from the ones to the others and knows no signal. What is not written stays NaN, and a NaN in a recording
+ends the run. The buffers have room for all stages that a gearbox can have, so that one set of places serves all; what
+a rig does not have is not handed on.
 """
 
-from collections import namedtuple
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cls_bench.compiled import records
+from cls_bench.axis import AXIS, SLOTS
+from cls_bench.control import validity
 from cls_bench.signals import CLOCK, MOST_STAGES, Clock, Topic, topics
 
-_TOPICS = topics(CLOCK, MOST_STAGES)
-_NAMES = [topic.path.strip("/") for topic in _TOPICS]
-_ROWS = [np.dtype([(name, np.float64) for name in topic.names]) for topic in _TOPICS]
 
-_make: Callable[..., Any] = namedtuple  # its fields follow from the table: more than a type checker can know
-Trace = _make("Trace", [*_NAMES, "poses"])
-"""Buffers: for each topic an array of records (rows, axes), named like it, and the bodies' poses (rows, bodies, 7)."""
+class Trace(NamedTuple):
+    """What is to be recorded of some ticks; a row of ``tick``, ``drive`` and ``plc`` for each signal of that cycle.
+
+    The number in word [0] of the record of axis a belongs into ``values[[1] + row · [2] + a · [3]]``.
+    """
+
+    values: NDArray[np.float64]
+    tick: NDArray[np.int64]
+    drive: NDArray[np.int64]
+    plc: NDArray[np.int64]
+    poses: NDArray[np.float64]  # (rows, bodies, 7)
+
+
+def words(kind: np.dtype[Any], declared: Iterable[Topic]) -> list[list[int]]:
+    """Where in a record of ``kind`` the signals of each of the topics ``declared`` stand, in 8-byte words.
+
+    ValueError that names the signal if there is no such number, if there are several or if it is none of floats.
+    """
+    known: dict[str, list[validity.Number]] = {}
+    for number in validity.numbers(kind, SLOTS):
+        known.setdefault(number.name, []).append(number)
+
+    def word(signal: str, source: str) -> int:
+        found = known.get(source, [])
+        if len(found) != 1:
+            there = f"{len(found)} times" if found else "nowhere"
+            raise ValueError(f'{signal}: source "{source}" stands {there} in an axis\'s record')
+        if found[0].kind != np.float64:
+            raise ValueError(f'{signal}: source "{source}" is of {found[0].kind}, not of float64')
+        return found[0].word
+
+    return [[word(f"{topic.path}.{s.name}", s.source) for s in topic.signals] for topic in declared]
+
+
+_TOPICS = topics(CLOCK, MOST_STAGES)
+_WORDS = words(AXIS, _TOPICS)
+_CYCLES = [(1, CLOCK.drive_ticks, CLOCK.plc_ticks).index(topic.ticks) for topic in _TOPICS]
+"""In which cycle the tick writes a topic: its own, the drive's, the PLC's, which are of different lengths here."""
 
 
 def _rows(every: int, first_tick: int, ticks: int) -> int:
@@ -33,25 +67,39 @@ class Buffers:
 
     def __init__(self, clock: Clock, axes: int, bodies: int, first_tick: int, ticks: int):
         self.first_tick, self.ticks = first_tick, ticks
-        self._every = [topic.ticks for topic in topics(clock, MOST_STAGES)]
-        self._pose = clock.pose_ticks
-        tables = [
-            np.full((_rows(every, first_tick, ticks), axes, len(kind.names or ())), np.nan)
-            for every, kind in zip(self._every, _ROWS, strict=True)
+        self._every = (1, clock.drive_ticks, clock.plc_ticks)
+        shapes = [
+            (_rows(self._every[cycle], first_tick, ticks), axes, len(places))
+            for cycle, places in zip(_CYCLES, _WORDS, strict=True)
         ]
-        self._topics = [records(table.view(kind)[:, :, 0]) for table, kind in zip(tables, _ROWS, strict=True)]
-        self._tables = dict(zip(_NAMES, zip(tables, self._every, strict=True), strict=True))
+        ends = np.cumsum([0, *map(math.prod, shapes)]).tolist()
+        self._values = np.full(ends[-1], np.nan)
+        self._tables = {
+            topic.path: (self._values[start:end].reshape(shape), self._every[cycle])
+            for topic, start, end, shape, cycle in zip(_TOPICS, ends, ends[1:], shapes, _CYCLES, strict=False)
+        }
+        self._places = [
+            np.array(
+                [
+                    (word, start + k, axes * len(places), len(places))
+                    for places, start, cycle in zip(_WORDS, ends, _CYCLES, strict=False) if cycle == of
+                    for k, word in enumerate(places)
+                ], np.int64,
+            ).reshape(-1, 4)
+            for of in range(len(self._every))
+        ]  # fmt: skip
+        self._pose = clock.pose_ticks
         self._poses = np.full((_rows(self._pose, first_tick, ticks), bodies, 7), np.nan)
 
-    def part(self, first: int, ticks: int) -> Any:
-        """The :class:`Trace` of some of the ticks, without a copy."""
-
-        def rows(array: Any, every: int) -> Any:
-            start = _rows(every, self.first_tick, first - self.first_tick)
-            return array[start : start + _rows(every, first, ticks)]
-
-        parts = [rows(array, every) for array, every in zip(self._topics, self._every, strict=True)]
-        return Trace(*parts, rows(self._poses, self._pose))
+    def part(self, first: int, ticks: int) -> Trace:
+        """The :class:`Trace` of some of the ticks, without a copy of the values."""
+        before = first - self.first_tick
+        tick, drive, plc = (places.copy() for places in self._places)
+        for places, every in zip((tick, drive, plc), self._every, strict=True):
+            places[:, 1] += _rows(every, self.first_tick, before) * places[:, 2]
+        start = _rows(self._pose, self.first_tick, before)
+        poses = self._poses[start : start + _rows(self._pose, first, ticks)]
+        return Trace(self._values, tick, drive, plc, poses)
 
     def tables(
         self, axes: Sequence[Sequence[Topic]], first: int, ticks: int
@@ -60,7 +108,7 @@ class Buffers:
         found = {}
         for a, axis in enumerate(axes):
             for topic in axis:
-                table, every = self._tables[topic.path.rpartition("/")[2]]
+                table, every = self._tables["/" + topic.path.rpartition("/")[2]]
                 start = _rows(every, self.first_tick, first - self.first_tick)
                 found[topic.path] = table[start : start + _rows(every, first, ticks), a, : len(topic.signals)]
         return found

@@ -22,7 +22,7 @@ from cls_bench.plant import mechanism
 from cls_bench.plant.state import BODY
 from cls_bench.recording import Recording
 from cls_bench.scenario import ExpectedTrip, parse_scenario
-from cls_bench.signals import TOPIC
+from cls_bench.signals import CLOCK, TOPIC
 from tests.running import Run, run
 
 STEP = 'hand = [{at = 0.0, kind = "hold", angle_deg = 0.0}, {at = 0.02, kind = "step", to_deg = 12.0}]'
@@ -131,6 +131,22 @@ def test_a_set_angle_beyond_the_software_limit_is_seen():
     r = run(controller=Jumps(0.6), set=["plc.following_error_limit=1.0"], duration=0.2)
     assert r["/limits.set_angle"].any()
     assert warnings_of(r, "plc") == ["set angle held at the software limit: 34.38° asked for, 22.5° allowed"]
+
+
+@pytest.mark.parametrize(("loss", "rates", "frames"), [
+    (0.0, [], 1000), (1e-9, [], 1000), (0.3, [], 1000), (1.0, [], 1000), (0.3, ["rates.bus_cycle=200e-6"], 2000),
+])  # fmt: skip
+def test_lost_frames_are_counted_and_said(loss, rates, frames):
+    """Two frames a bus cycle; a lost one is half of it."""
+    r = run(set=[f"plc.frame_loss={loss}", *rates], duration=0.2)
+    lost = float(r["/limits.bus"].mean()) * frames
+    assert lost == pytest.approx(loss * frames, abs=5.0 * math.sqrt(loss * (1.0 - loss) * frames) + 1e-9)
+    quanta = r["/limits.bus"] * frames / len(r["/limits.bus"])
+    np.testing.assert_array_equal(quanta, np.round(quanta))
+    said = [(event.level, event.message) for event in r.events if event.source == "field bus"]
+    first = CLOCK.plc_s * np.flatnonzero(quanta)[0] if lost else 0.0
+    over = [("info", f"{round(lost)} frames lost since t = {first:.4f} s")]
+    assert said == ([("warning", "a frame was lost"), *over] if lost else [])
 
 
 def test_a_limit_reached_again_soon_is_one_event():
@@ -362,8 +378,7 @@ def test_all_that_the_plant_remembers_is_looked_at():
     through_a_force = {"bristle", "bearing_bristle", "grip_stiffness", "grip_damping", "grip_rest"}
     anew = {
         "voltage", "connected", "motor_torque", "rod_force", "along_crank", "along_column", "across_column",
-        "far_along", "far_across", "grip_torque", "twist", "mesh_torque", "mesh_friction", "strain_force",
-        "shown_force",
+        "far_along", "far_across", "grip_torque", "twist", "mesh_torque", "mesh_friction", "shown_force",
     }  # fmt: skip
     assert {*mechanism.REMEMBERED, *through_a_force, *anew} == set(BODY.names or ())
 

@@ -20,7 +20,9 @@ from cls_bench.kinematics import (
     rod_angle,
 )
 from cls_bench.parameters import CONTROL, DEG, Parameters, Plc
+from cls_bench.parameters.override import override
 from cls_bench.parameters.record import values_of
+from cls_bench.plant import sensors
 from cls_bench.plant.sensors import SAMPLES
 from tests.running import run
 
@@ -273,3 +275,19 @@ def test_after_a_trip_the_drive_stays_off_until_it_is_switched_on():
     trip = trips[0].time
     assert not r.between("/drive.torque", trip + 1e-9, 1.0).any()
     assert r.between("/drive.torque", 1.0, 1.5).any()
+
+
+# --- chance -----------------------------------------------------------------------------------------------------------
+
+
+def test_each_source_of_chance_is_woken_by_its_own_parameter():
+    """None by default: what nothing depends on is not drawn."""
+    def woken(**changed):
+        p = override(Parameters(), changed)
+        return {**sensors.woken(p), **plc.woken(p)}
+
+    assert woken() == dict.fromkeys(sensors.UNIFORM, False)
+    assert [source for source, wakes in woken(**{"load_cell.spike_rate": 1.0}).items() if wakes] == ["spike"]
+    assert {source for source, wakes in woken(**{"plc.frame_loss": 0.1}).items() if wakes} == {
+        "command_frame", "feedback_frame",
+    }  # fmt: skip

@@ -13,7 +13,8 @@ import pytest
 
 from cls_bench import tick
 from cls_bench.bench import Bench
-from cls_bench.parameters import Parameters
+from cls_bench.hand import HandSamples
+from cls_bench.parameters import Motor, Parameters
 from cls_bench.signals import TICK_S, TOPICS
 from tests.running import run
 
@@ -86,18 +87,30 @@ def test_substeps_refine_the_same_motion(sway):
 @pytest.mark.parametrize("value", [math.nan, math.inf, -2.0e4])
 def test_a_lost_joint_is_found(value):
     bench = Bench(Parameters())
-    assert tick.first_unbounded(bench.plant) == -1
+    assert tick.first_unbounded(bench.plant, tick.BOUND) == -1
     assert bench.model.nv == 5
     for joint in range(bench.model.nv):
         bench.plant.qvel[:] = 0.0
         bench.plant.qvel[joint] = value
-        assert tick.first_unbounded(bench.plant) == joint
+        assert tick.first_unbounded(bench.plant, tick.BOUND) == joint
+
+
+@pytest.mark.parametrize(("torque_constant", "sound"), [(0.2944, False), (0.01, True)])
+def test_a_fast_motor_is_not_taken_for_a_lost_one(torque_constant, sound):
+    """At 12 000 rad/s a motor of 35 000 rad/s at no load is at ease; the thesis's would be at ten times its 1190."""
+    fast = Parameters(motor=Motor(torque_constant=torque_constant)).with_nameplate()
+    bench = Bench({"pitch": Parameters(), "roll": fast})
+    bench.plant.qvel[bench.model.joint("roll/motor").id] = 1.2e4
+    hand = HandSamples(*[np.zeros(1)] * 3, *[np.zeros(1, np.bool_)] * 2, np.zeros(1))
+    bench.start(power=False)
+    bench.advance([hand, hand], last=True)
+    assert (bench.failure is None) == sound
 
 
 # --- the one order ----------------------------------------------------------------------------------------------------
 
 WORK = {
-    "PLC: self-check of its numbers": ("tick._check_numbers",),
+    "PLC: self-check of its numbers": ("control.controller.check_numbers",),
     "sample: encoder, current, load cell, potentiometer, limit switches": (
         "plant.mechanism.arrive", "plant.sensors.sample",
     ),
@@ -114,7 +127,7 @@ WORK = {
     ),
     "limits: what was asked for beyond one": ("tick._note_limits",),
     "plant: forces of the present state": ("plant.limb.set_grip", "plant.mechanism.act"),
-    "trace: the state at the tick's time": ("tick._trace_tick",),
+    "trace: the state at the tick's time": ("plant.mechanism.show", "tick._trace"),
     "mj_step; forces and mj_step again for each further one of simulation.substeps": ("mj_step",),
 }  # fmt: skip
 """What each line of the order calls."""

@@ -6,25 +6,29 @@ each signal in turn (zeros, another sign, the column beside it), and each spoilt
 """
 
 import math
+import re
 from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
 
+from cls_bench.axis import AXIS
 from cls_bench.bench import Bench, DivergedError
 from cls_bench.control.limits import LIMITS
 from cls_bench.drivers import scripted
 from cls_bench.parameters import Gearbox, GearStage, Parameters
 from cls_bench.scenario import parse_scenario
-from cls_bench.signals import CLOCK, MOST_STAGES, TOPIC, TOPICS, topics
-from cls_bench.trace import Buffers, Trace
+from cls_bench.signals import CLOCK, MOST_STAGES, TOPIC, Signal, Topic, topics
+from cls_bench.tick import _trace
+from cls_bench.trace import Buffers, words
 from tests.running import advanced
 
 CYCLE = 8
 TICK = 5e-5
 IDEAL = ["encoder.noise=0.0", "load_cell.noise=0.0", "gearbox.stage1.transmission_error=0.0",
-         "gearbox.stage2.transmission_error=0.0", "load_cell.filter_bandwidth=100000.0"]  # fmt: skip
+         "gearbox.stage2.transmission_error=0.0", "load_cell.filter_bandwidth=100000.0",
+         "potentiometer.noise=0.0"]  # fmt: skip
 RIGS = {
     "two stages": [],
     # Of the same ratio, so that drive and PLC are none the wiser.
@@ -41,6 +45,7 @@ hand = [{at = 0.0, kind = "sine", amplitude_deg = 12.0, frequency = 4.0, fade = 
 squeeze = [{at = 0.0, value = 0.3, over = 0.0}]
 """
 CRANK, ROD, HEIGHT, ARM = 0.100, 0.209, 0.300, 0.175
+POTENTIOMETER = 2.0 * math.radians(30.0) / 2**16
 
 
 def signals_of(rig: str) -> list[str]:
@@ -69,6 +74,7 @@ def state_of(bench: Bench) -> dict[str, float]:
     found |= {f"{name}_rate": float(data.joint(name).qvel[0]) for name in joints}
     found |= {f"bristle{k}": float(body.bristle[k]) for k in range(MOST_STAGES)}
     found["current"], found["terminals"] = float(body.current), float(body.voltage)
+    found["temperature"] = float(body.temperature)
     found["voltage"] = float(control.servo.voltage)
     found |= {f"feel_{name}": float(control.feel[name]) for name in ("angle", "velocity", "torque")}
     return found
@@ -164,6 +170,9 @@ def expected(r: Recorded, signals: dict[str, Any]) -> dict[str, tuple[Any, Any, 
     # Over the step that led here, with the voltage that was on and the speed that moved the rotor.
     final = (was["terminals"] - 0.2944 * was["motor_rate"]) / 6.0
     current = final + (was["current"] - final) * math.exp(-TICK * 6.0 / 6.0e-3)
+    shown = np.floor(was["column"] / POTENTIOMETER + 0.5) * POTENTIOMETER
+    heat = 6.0 * was["current"] ** 2 * 1.444
+    warmed = heat + (was["temperature"] - heat) * math.exp(-TICK / 60.0)
     angle = np.append([0.0, 0.0], signals["/feel.angle"])[:count]  # a bus cycle, then the drive's own
     return {
         "/pilot.hand_force": (first("/pilot.hand_force"), hand / HEIGHT, 1e-9),
@@ -172,6 +181,7 @@ def expected(r: Recorded, signals: dict[str, Any]) -> dict[str, tuple[Any, Any, 
         "/column.angle": (first("/column.angle"), was["column"], 0.0),
         "/column.velocity": (first("/column.velocity"), was["column_rate"], 0.0),
         "/column.torque": (first("/column.torque"), hand, 1e-9),
+        "/column.potentiometer": (first("/column.potentiometer"), shown, 1e-12),
         "/drive.set_position": (set_position, 1.75 * 25.0 * angle, 0.6),
         "/drive.position": (first("/drive.position"), was["motor"], 2.5e-5),
         "/drive.set_velocity": (signals["/drive.set_velocity"], interpolated, 1e-9),
@@ -180,6 +190,7 @@ def expected(r: Recorded, signals: dict[str, Any]) -> dict[str, tuple[Any, Any, 
         "/drive.current": (first("/drive.current"), current, 1e-12),
         "/drive.voltage": (first("/drive.voltage"), was["voltage"], 0.0),
         "/drive.torque": (first("/drive.torque"), 0.2944 * current, 1e-12),
+        "/drive.winding_temperature": (first("/drive.winding_temperature"), warmed, 1e-12),
         **gear_laws(r, first),
         "/load_cell.force": (first("/load_cell.force"), force, 1e-6),
         "/load_cell.torque": (first("/load_cell.torque"), ARM * force, 2.0),
@@ -217,37 +228,77 @@ def test_a_spoilt_signal_is_found(rig: str, signal: str) -> None:
         assert signal in wrong(rig, {**rows, signal: spoilt})
 
 
-def test_fields_follow_from_the_table() -> None:
-    assert Trace._fields == (*(topic.path.strip("/") for topic in TOPICS), "poses")
+def test_every_signal_has_a_source_of_its_own() -> None:
+    for stages in range(MOST_STAGES + 1):
+        sources = [signal.source for topic in topics(CLOCK, stages) for signal in topic.signals]
+        assert len(set(sources)) == len(sources)
+        assert all(sources)
     assert TOPIC["/limits"].names == LIMITS
+
+
+@pytest.mark.parametrize(("source", "says"), [
+    ("truth.body.heat", 'source "truth.body.heat" stands nowhere in an axis\'s record'),
+    ("", 'source "" stands nowhere'),
+    ("truth.body", "stands nowhere"),
+    ("truth.body.twist", "stands nowhere"),
+    ("truth.body.twist.4", "stands nowhere"),
+    ("controller.state.commands.torque", "stands 17 times"),
+    ("samples.switch_aft", "is of int64, not of float64"),
+])  # fmt: skip
+def test_a_source_that_is_none_is_named(source: str, says: str) -> None:
+    fine = Signal("fine", "K", "", "truth.body.temperature")
+    declared = Topic("/drive", 4, "", (fine, Signal("heat", "K", "", source)))
+    with pytest.raises(ValueError, match=f"^/drive.heat: .*{re.escape(says)}"):
+        words(AXIS, [declared])
+
+
+def test_a_source_is_a_place_in_the_record() -> None:
+    """By the name a reader of the code would use, in records within records and in tables."""
+    memory = np.zeros(1, AXIS)
+    axis = memory.view(np.recarray)[0]
+    axis.truth.body.mesh_torque[1] = 1.0
+    axis.limits.share[LIMITS.index("current")] = 2.0
+    axis.controller.parameters.feel.forward_limit.angle = 3.0
+    sources = "truth.body.mesh_torque.2", "limits.share.current", "controller.parameters.feel.forward_limit.angle"
+    ((*places,),) = words(AXIS, [Topic("/x", 1, "", tuple(Signal("y", "1", "", source) for source in sources))])
+    assert memory.view(np.float64)[places].tolist() == [1.0, 2.0, 3.0]
 
 
 def test_a_row_is_nan_until_it_is_written() -> None:
     room = Buffers(CLOCK, 1, 3, 8, 16)
     trace = room.part(8, 16)
-    trace.drive["voltage"][2, 0] = 5.0
+    words = np.zeros((1, AXIS.itemsize // 8))
+    number = TOPIC["/drive"].names.index("voltage")
+    one = trace.drive[len(TOPIC["/pilot"].names) + number :][:1]  # topics of one cycle stand in the table's order
+    words[0, one[0, 0]] = 5.0
+    _trace(trace.values, one, words, 0, 2)
     found = room.tables([topics()], 8, 16)
     assert list(found) == [topic.path for topic in topics()]
-    assert found["/drive"].shape == (4, 8)
-    assert found["/drive"][2, TOPIC["/drive"].names.index("voltage")] == 5.0
+    assert found["/drive"].shape == (4, len(TOPIC["/drive"].names))
+    assert found["/drive"][2, number] == 5.0
     assert sum(np.isfinite(table).sum() for table in found.values()) == 1
     assert np.isnan(trace.poses).all()
 
 
 def test_a_part_of_the_room_is_the_rows_of_its_ticks() -> None:
     """Room is made for a long block and cut into short ones: what one writes no other sees, and nothing is left out."""
-    room, fields = Buffers(CLOCK, 2, 1, 16, 400), Trace._fields
+    room = Buffers(CLOCK, 2, 1, 16, 400)
+    declared = [topics(CLOCK, MOST_STAGES, axis) for axis in ("pitch", "roll")]
+    record = np.arange(AXIS.itemsize // 8)
     for number, first in enumerate(range(16, 416, 8)):
         part = room.part(first, 8)
-        for field in fields[:-1]:
-            assert np.isnan(getattr(part, field).view(np.float64)).all()
-            getattr(part, field).view(np.float64)[:] = number
-    whole = room.part(16, 400)
-    for field, topic in zip(fields[:-1], topics(CLOCK, MOST_STAGES), strict=True):
-        written = getattr(whole, field)[topic.names[0]]
-        assert written.shape == (400 // topic.ticks, 2)
-        np.testing.assert_array_equal(written[:, 1], np.arange(400 // topic.ticks) * topic.ticks // 8)
-    assert whole.poses.shape == (2, 1, 7)  # at ticks 200 and 400
+        assert all(np.isnan(table).all() for table in room.tables(declared, first, 8).values())
+        for places, every in ((part.tick, 1), (part.drive, 4), (part.plc, 8)):
+            for row in range(8 // every):
+                for axis in range(2):
+                    _trace(part.values, places, 1e6 * axis + 1e3 * number + np.stack([record, record]), axis, row)
+    whole = room.tables(declared, 16, 400)
+    for axis, own in enumerate(declared):
+        for topic, places in zip(own, words(AXIS, own), strict=True):
+            rows = np.arange(400 // topic.ticks) * topic.ticks // 8
+            np.testing.assert_array_equal(whole[topic.path], 1e6 * axis + 1e3 * rows[:, None] + places)
+    assert not np.isnan(room.part(16, 400).values).any()
+    assert room.part(16, 400).poses.shape == (2, 1, 7)  # at ticks 200 and 400
 
 
 @pytest.mark.parametrize("stages", range(MOST_STAGES + 1))

@@ -53,13 +53,10 @@ CRANK_SENSOR: Edits = {
 
 SIGNAL: Edits = {
     "signals.py": [
-        ('("torque", "N·m", "air-gap torque of the motor"),',
-         '("torque", "N·m", "air-gap torque of the motor"),\n            ("heat", "K", "rise of the winding"),'),
-    ],
-    "tick.py": [
-        ("    drive.voltage, drive.torque = truth.body.voltage, truth.body.motor_torque\n",
-         "    drive.voltage, drive.torque = truth.body.voltage, truth.body.motor_torque\n"
-         "    drive.heat = truth.body.temperature\n"),
+        ('("torque", "N·m", "air-gap torque of the motor", "truth.body.motor_torque"),',
+         '("torque", "N·m", "air-gap torque of the motor", "truth.body.motor_torque"),\n'
+         '            ("integral", "N·m", "what the velocity controller has added up",\n'
+         '             "controller.state.servo.velocity_integral"),'),
     ],
 }  # fmt: skip
 
@@ -146,6 +143,54 @@ def test_a_kind_that_has_no_law_of_its_own_takes_two(tmp_path):
     np.testing.assert_allclose(found["torques"], expected, atol=1e-6 * np.abs(expected).max())
 
 
+FOURTH_STAGE: Edits = {
+    "signals.py": [("MOST_STAGES = 3\n", "MOST_STAGES = 4\n")],
+    "parameters/plant.py": [
+        ("    stage3: GearStage = part(\n",
+         '    stage4: GearStage = part(GearStage(), "fourth", **dict.fromkeys(("inertia", "stiffness", "backlash",\n'
+         '        "drag", "transmission_error", "efficiency", "backdrive_efficiency"), "not in use"))\n'
+         "    stage3: GearStage = part(\n"),
+    ],
+}  # fmt: skip
+
+FOUR_STAGES = """
+import json
+import numpy as np
+from cls_bench.bench import Bench
+from cls_bench.hand import HandSamples
+from cls_bench.parameters import Gearbox, GearStage, Parameters
+
+stages = {f"stage{k}": GearStage(ratio=k + 1.0, backlash=1e-3) for k in range(1, 5)}
+bench = Bench(Parameters(gearbox=Gearbox(stages=4, **stages)).with_nameplate())
+joints = [bench.model.joint(k).name for k in range(bench.model.njnt)]
+# The crank held still, all backlash taken up: the motor turned by 1 rad, each shaft after it by its share.
+turned = 1.0
+for name in ("motor", "carrier1", "carrier2", "carrier3"):
+    bench.plant.qpos[bench.model.joint(name).id] = turned
+    turned /= 2.0 + ("motor", "carrier1", "carrier2", "carrier3").index(name)
+bench.plant.qpos[bench.model.joint("carrier3").id] += 0.05
+none, no = np.zeros(8), np.zeros(8, np.bool_)
+bench.start(power=False)
+block = bench.advance(HandSamples(none, none, none, no, no, none))
+print(json.dumps({"joints": joints, "names": block.topic("/gearbox").names, "bodies": bench.body_names,
+                  "first": block.signals["/gearbox"][0].tolist(), "stiffness": stages["stage4"].stiffness,
+                  "turns": [block.poses[0, bench.body_names.index(name), 5] for name in bench.body_names
+                            if name.startswith("carrier3")]}))
+"""
+
+
+def test_a_further_stage_takes_two_files(tmp_path):
+    """How many there can be is one number, and the parameters of each are declared."""
+    found = run_there(copy_of_the_package(tmp_path, FOURTH_STAGE), FOUR_STAGES)
+    assert found["joints"] == ["column", "limb", "motor", "carrier1", "carrier2", "carrier3", "crank"]
+    assert found["names"] == [f"stage{k}_{what}" for k in range(1, 5) for what in ("twist", "torque", "friction")]
+    held = 1.0 / 24.0 + 0.05
+    twist, torque = found["first"][9:11]
+    assert twist == pytest.approx(held / 5.0, rel=1e-12)
+    assert torque == pytest.approx(found["stiffness"] * (held / 5.0 - 5e-4), rel=1e-6)
+    assert found["turns"] == pytest.approx([np.sin(0.5 * held)], abs=1e-12)
+
+
 SAMPLES = """
 import json
 import numpy as np
@@ -189,16 +234,17 @@ hand = 'hand = [{at = 0.0, kind = "step", to_N = 60.0}]'
 Path("t.toml").write_text(f'title = "t"\\nduration = 0.01\\n{hand}')
 result = run("t.toml", out=Path("out"), rerun=False)
 drive = Recording(result.mcap).read("/drive")
-print(json.dumps({name: drive[name].tolist() for name in ("heat", "current")}))
+names = "integral", "torque_command", "set_velocity", "velocity"
+print(json.dumps({name: drive[name].tolist() for name in names}))
 """
 
 
-def test_a_signal_takes_its_declaration_and_the_line_that_writes_it(tmp_path):
-    """Two files; what records, and what reads a recording, have it from then on."""
-    assert len(SIGNAL) == 2
+def test_a_signal_takes_its_declaration(tmp_path):
+    """One file; what is written and recorded, and what reads a recording, have it from then on."""
+    assert len(SIGNAL) == 1
     found = run_there(copy_of_the_package(tmp_path, SIGNAL), RECORD)
-    heat, current = np.array(found["heat"]), np.array(found["current"])
-    assert len(heat) == len(current) == 50
-    # C dT/dt = R i², so early on: the sum of it over the rows of 200 µs.
-    assert heat[-1] == pytest.approx(6.0 * 1.444 / 60.0 * np.trapezoid(current**2, dx=2e-4), rel=0.1)
-    assert heat[-1] > 0.0
+    integral, torque, asked, velocity = (np.array(rows) for rows in found.values())
+    assert len(integral) == 50
+    # T = k_p e + integral: what is left of the torque but for the proportional part.
+    np.testing.assert_allclose(integral, torque - 9.27e-5 * 2.0 * np.pi * 100.0 * (asked - velocity), atol=1e-12)
+    assert np.ptp(integral) > 5e-4

@@ -28,7 +28,7 @@ STATE = np.dtype(
 )
 
 _EVENTS = 4096
-"""Most pieces (between reversals, stops reached or left) in one cycle; a cycle of 400 µs has one or two."""
+"""Most pieces (between reversals, stops reached or left) in a PLC cycle; one of 400 µs has one or two."""
 
 
 @compiled

@@ -9,16 +9,20 @@ import numpy as np
 
 from cls_bench.compiled import compiled
 
-LIMITS = ("load_cell", "set_angle", "speed", "torque", "current", "voltage", "travel")
+LIMITS = ("load_cell", "set_angle", "speed", "torque", "current", "voltage", "travel", "bus")
 """Names, as those of the signals of ``/limits``."""
 
-LOAD_CELL, SET_ANGLE, SPEED, TORQUE, CURRENT, VOLTAGE, TRAVEL = range(len(LIMITS))
+SLOTS = {name: LIMITS for name in ("ticks", "peak", "limit", "share")}
+"""Names of the columns of :data:`STATE`."""
+
+LOAD_CELL, SET_ANGLE, SPEED, TORQUE, CURRENT, VOLTAGE, TRAVEL, BUS = range(len(LIMITS))
 
 STATE = np.dtype(
     [
         ("ticks", np.float64, (len(LIMITS),)),  # at the limit, since the last recorded row
         ("peak", np.float64, (len(LIMITS),)),  # greatest amount asked for while at the limit; the log clears it
         ("limit", np.float64, (len(LIMITS),)),  # the limit at that moment
+        ("share", np.float64, (len(LIMITS),)),  # of the ticks of the last PLC cycle that was closed
     ]
 )
 
@@ -44,8 +48,14 @@ def compare(watch: Any, which: int, asked: float, limit: float) -> None:
 
 
 @compiled
-def share(watch: Any, which: int, ticks: int) -> float:
-    """Share of the last ``ticks`` ticks that were spent at a limit; counting starts anew."""
-    found = float(watch.ticks[which]) / ticks
-    watch.ticks[which] = 0.0
-    return found
+def lose(watch: Any, cycle: int) -> None:
+    """Note that the bus lost one of the two frames of its ``cycle`` [ticks]."""
+    watch.ticks[BUS] += 0.5 * cycle
+
+
+@compiled
+def close(watch: Any, ticks: int) -> None:
+    """The share of the last ``ticks`` ticks that was spent at each limit; counting starts anew."""
+    for which in range(watch.ticks.shape[0]):
+        watch.share[which] = watch.ticks[which] / ticks
+        watch.ticks[which] = 0.0

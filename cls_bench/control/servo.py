@@ -66,7 +66,7 @@ def reset(state: Any, encoder: float) -> None:
 def position_controller(
     drive: Any, gains: Gains, state: Any, encoder: float, set_position: float, set_velocity: float, cycle: float
 ) -> None:
-    """PI position controller with velocity feed-forward; anti-windup by conditional integration. Every 400 µs.
+    """Each position cycle: PI position controller with velocity feed-forward, anti-windup by conditional integration.
 
     velocity = k_p (e + 1/T_n ∫ e dt) + set velocity, limited to the speed limit
     """
@@ -88,7 +88,7 @@ def position_controller(
 
 @compiled
 def speed_filter(gains: Gains, state: Any, encoder: float, cycle: float) -> None:
-    """Velocity from the encoder: difference over a velocity cycle, first-order low pass. Every 200 µs."""
+    """Velocity from the encoder, each velocity cycle: difference over the cycle, first-order low pass."""
     raw = (encoder - state.encoder_before) / cycle
     state.encoder_before = encoder
     state.velocity += gains.speed_filter * (raw - state.velocity)
@@ -96,7 +96,7 @@ def speed_filter(gains: Gains, state: Any, encoder: float, cycle: float) -> None
 
 @compiled
 def velocity_command(drive: Any, state: Any, encoder: float, set_velocity: float) -> None:
-    """Velocity mode: the set velocity comes from the bus; the position controller is out of work. Every 400 µs."""
+    """Each position cycle in velocity mode: the set velocity comes from the bus, the position controller rests."""
     state.set_position = encoder
     state.position_output_before = state.position_output
     state.asked_velocity = set_velocity
@@ -106,7 +106,7 @@ def velocity_command(drive: Any, state: Any, encoder: float, set_velocity: float
 
 @compiled
 def torque_command(drive: Any, state: Any, encoder: float) -> None:
-    """Torque mode: ``set_torque`` and the torque from the bus; only the current controller works. Every 400 µs.
+    """Each position cycle in torque mode: ``set_torque`` and the bus's torque; only the current controller works.
 
     The controllers above it follow what happens, so that a later change of mode makes no jump.
     """
@@ -130,7 +130,7 @@ def interpolate(state: Any, share: float) -> None:
 
 @compiled
 def velocity_controller(drive: Any, gains: Gains, state: Any, cycle: float) -> None:
-    """PI velocity controller, figure 3.33; anti-windup by conditional integration. Every 200 µs.
+    """Each velocity cycle: PI velocity controller, figure 3.33, anti-windup by conditional integration.
 
     torque = k_p (e + 1/T_n ∫ e dt) + feed-forward, limited to the torque limit
     """
@@ -158,7 +158,7 @@ def current_limit(drive: Any, state: Any, current: float, time_constant: float, 
 def current_controller(
     drive: Any, plate: Any, gains: Gains, state: Any, current: float, voltage_limit: float, tick: float
 ) -> None:
-    """PI current controller with back-EMF decoupling and voltage limit; anti-windup by clamping. Every tick.
+    """Each tick: PI current controller with back-EMF decoupling and voltage limit, anti-windup by clamping.
 
     voltage = k_p e + k_i ∫ e dt + K ω
     """

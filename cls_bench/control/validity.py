@@ -12,6 +12,16 @@ from numpy.typing import NDArray
 from cls_bench.compiled import compiled
 
 
+class Number(NamedTuple):
+    """A number in a record."""
+
+    name: str
+    """dotted: ``truth.body.twist.2``; the columns of a table have the names of their slots, else they are counted"""
+    word: int
+    """where it is, in 8-byte words"""
+    kind: np.dtype[Any]
+
+
 class Places(NamedTuple):
     """Floating-point numbers of a record: their names, and where they are in it, in 8-byte words."""
 
@@ -19,19 +29,19 @@ class Places(NamedTuple):
     words: NDArray[np.int64]
 
 
-def _numbers(
-    kind: np.dtype[Any], slots: Mapping[str, Sequence[str]], prefix: str = ""
-) -> Iterator[tuple[str, int]]:  # fmt: skip
+def numbers(kind: np.dtype[Any], slots: Mapping[str, Sequence[str]], prefix: str = "") -> Iterator[Number]:
+    """All numbers of a record of ``kind``; ``slots`` are the names of the columns of those fields that are tables."""
     for name, (field, offset) in ((name, kind.fields[name][:2]) for name in kind.names or ()):  # type: ignore[index]
         word = offset // 8
         base, shape = field.subdtype or (field, ())
         for k in range(int(np.prod(shape, dtype=int))):
+            columns = slots.get(name)
+            column = "" if not shape else f".{columns[k % len(columns)] if columns else k + 1}"
             if base.names:
-                for inner, place in _numbers(base, slots, f"{prefix}{name}."):
-                    yield inner, word + k * base.itemsize // 8 + place
-            elif base == np.float64:
-                columns = slots.get(name)
-                yield prefix + name + (f".{columns[k % len(columns)]}" if columns else ""), word + k
+                for inner in numbers(base, slots, f"{prefix}{name}{column}."):
+                    yield inner._replace(word=inner.word + word + k * base.itemsize // 8)
+            else:
+                yield Number(f"{prefix}{name}{column}", word + k, base)
 
 
 def places(kind: np.dtype[Any], below: Sequence[str], slots: Mapping[str, Sequence[str]]) -> Places:
@@ -40,9 +50,9 @@ def places(kind: np.dtype[Any], below: Sequence[str], slots: Mapping[str, Sequen
     ``slots`` are the names of the columns of those fields that are tables.
     """
     names, words = [], []
-    for name, word in _numbers(kind, slots):
+    for name, word, of in numbers(kind, slots):
         for prefix in below:
-            if name.startswith(prefix):
+            if of == np.float64 and name.startswith(prefix):
                 names.append(name.removeprefix(prefix))
                 words.append(word)
     return Places(tuple(names), np.array(words, np.int64))

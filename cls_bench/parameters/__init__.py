@@ -13,7 +13,6 @@ from cls_bench.parameters.control import Drive, Nameplate, Plc
 from cls_bench.parameters.feel import Feel, TravelLimit
 from cls_bench.parameters.nameplate import nameplate_of
 from cls_bench.parameters.plant import (
-    MOST_STAGES,
     Column,
     Encoder,
     Gearbox,
@@ -28,6 +27,7 @@ from cls_bench.parameters.plant import (
 from cls_bench.parameters.quantity import ARCMIN, DEG, GRAVITY, RPM, Section, leaves
 from cls_bench.parameters.rates import Rates, Simulation
 from cls_bench.parameters.record import kind_of, memory_of, record_of
+from cls_bench.signals import MOST_STAGES
 
 __all__ = [
     "ARCMIN", "CONTROL", "DEG", "GRAVITY", "MOST_STAGES", "PLANT", "RPM", "Column", "ControlParameters", "Drive",

@@ -131,7 +131,7 @@ class Drive(Section):
         ge=0, le=10, live=True,
     )
     voltage_latency: int = quantity(
-        1, "ticks", "ticks of 50 µs from the current sample to the voltage it leads to",
+        1, "ticks", "ticks of rates.current_cycle from the current sample to the voltage it leads to",
         "assumed: computed in one period, put out in the next", ge=0, le=16,
     )  # fmt: skip
     set_torque: float = quantity(0.0, "N·m", "torque asked for in torque mode", "chosen", ge=-1e4, le=1e4, live=True)
@@ -160,7 +160,7 @@ class Drive(Section):
 
 
 class Plc(Section):
-    """Outer loop in the PLC, and the field bus (Powerlink, 400 µs)."""
+    """Outer loop in the PLC, and the field bus (Powerlink): a task each PLC cycle, frames each bus cycle."""
 
     outer_loop: Literal["position", "velocity"] = quantity(
         "position", "1", "what the outer loop asks of the drive", "thesis 2.5.3, 3.6; velocity: Eq. 3.8"

@@ -9,6 +9,7 @@ from pydantic import model_validator
 from cls_bench.kinematics import FourBar
 from cls_bench.parameters.bars import Levers, four_bar_of, levers_of
 from cls_bench.parameters.quantity import ARCMIN, DEG, GRAVITY, WIDEST, Section, part, quantity
+from cls_bench.signals import MOST_STAGES
 
 
 class Motor(Section):
@@ -138,10 +139,6 @@ class GearStage(Section):
         return self.kind in CARRIED
 
 
-MOST_STAGES = 3
-"""Stages that a gearbox can have."""
-
-
 def mesh_efficiency(overall: float, torque: float, drags: Sequence[float], ratios: Sequence[float]) -> float:
     """Efficiency η of each mesh, equal in all stages, with which a gearbox reaches a data sheet's overall one.
 
@@ -236,7 +233,7 @@ class Gearbox(Section):
     @property
     def in_use(self) -> tuple[GearStage, ...]:
         """The stages there are, from the motor on."""
-        return (self.stage1, self.stage2, self.stage3)[: self.stages]
+        return tuple(getattr(self, f"stage{k}") for k in range(1, self.stages + 1))
 
     @property
     def ratio(self) -> float:

@@ -4,7 +4,7 @@ import math
 from typing import Any
 
 from cls_bench.compiled import compiled
-from cls_bench.parameters import Parameters
+from cls_bench.parameters import MOST_STAGES, Parameters
 from cls_bench.plant import column, gearbox, limb, motor, rod, sensors
 
 
@@ -36,7 +36,9 @@ def act(
 ) -> None:  # fmt: skip
     """Put all forces of the present state on the joints, after :func:`arrive`.
 
-    The grip is as :func:`cls_bench.plant.limb.set_grip` left it.
+    ``voltage`` [V] is on the motor if it is ``connected``; the arm pulls towards ``angle`` [rad] at ``velocity``
+    [rad/s] if there is a ``motion``, and ``force`` [N] acts on the forearm. The grip is as
+    :func:`cls_bench.plant.limb.set_grip` left it.
     """
     p, joints, mechanism, body = truth.parameters, truth.joints, truth.mechanism, truth.body
     plant.force[joints.column] = plant.force[joints.limb] = 0.0
@@ -62,7 +64,17 @@ def is_finite(body: Any) -> bool:
     return bool(abs(body.current + body.temperature + body.amplified + body.zero + body.crept) < math.inf)
 
 
-ANGLES = ("column", "limb", "shaft0", "shaft1", "shaft2", "shaft3", "rod", "rod_end")
+@compiled
+def show(plant: Any, truth: Any, attached: bool, squeeze: float) -> None:
+    """Put what is to be seen of the present state, and of the hand, into the record."""
+    joints, shown = truth.joints, truth.shown
+    shown.column_angle, shown.column_velocity = plant.qpos[joints.column], plant.qvel[joints.column]
+    shown.limb_angle = plant.qpos[joints.limb]
+    shown.hand_force = truth.body.grip_torque / truth.parameters.column.grip_height
+    shown.squeeze = squeeze if attached else -1.0
+
+
+ANGLES = ("column", "limb", *(f"shaft{k}" for k in range(MOST_STAGES + 1)), "rod", "rod_end")
 """What a drawn body can move with: the places that :func:`pose` knows. ``shaft0`` is the motor."""
 
 
@@ -70,16 +82,17 @@ ANGLES = ("column", "limb", "shaft0", "shaft1", "shaft2", "shaft3", "rod", "rod_
 def pose(plant: Any, truth: Any, which: int) -> tuple[float, float, float]:
     """Angle about y [rad] and displacement (x, z) [m] from neutral of what moves with place ``which``."""
     joints, m = truth.joints, truth.mechanism
+    rod_place = 2 + joints.shafts.shape[0]
     if which == 0:
         return plant.qpos[joints.column], 0.0, 0.0
     if which == 1:
         return plant.qpos[joints.limb], 0.0, 0.0
-    if which < 6:
+    if which < rod_place:
         return plant.qpos[joints.shafts[which - 2]], 0.0, 0.0
     crank, column = plant.qpos[joints.crank] + m.crank_angle, plant.qpos[joints.column] + m.arm_angle
     r1x, r1z = m.crank * math.sin(crank), m.crank * math.cos(crank)
     r2x, r2z = m.arm * math.sin(column), m.arm * math.cos(column)
     turned = math.atan2(m.axis_z + r1z - r2z, r2x - m.axis_x - r1x) - m.rod_angle
-    if which == 6:
+    if which == rod_place:
         return turned, r1x - m.crank * math.sin(m.crank_angle), r1z - m.crank * math.cos(m.crank_angle)
     return turned, r2x - m.arm * math.sin(m.arm_angle), r2z - m.arm * math.cos(m.arm_angle)

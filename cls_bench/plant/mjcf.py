@@ -8,7 +8,7 @@ is MuJoCo's LuGre element, the motor its ``dcmotor``; no compiled law of ``cls_b
 import math
 from collections.abc import Iterable, Mapping
 from functools import cache
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -34,8 +34,6 @@ _FEATHER = 1e-6
 
 _AMBIENT = 20.0  # °C; without a temperature coefficient of resistance it is only a reference
 
-Turns = Literal["motor", "carrier1", "carrier2", "crank", "rod", "column", "limb", "fixed"]
-
 
 class Rest(NamedTuple):
     """A body at neutral, and what turns it.
@@ -48,7 +46,7 @@ class Rest(NamedTuple):
 
     name: str
     position: Vector  # of the body's origin in the world [m]
-    turned_by: Turns
+    turned_by: str  # a joint, or the rod
     quaternion: tuple[float, float, float, float]  # w, x, y, z
 
 
@@ -59,9 +57,9 @@ def rest(p: Parameters, axis: str = "", across: float = 0.0) -> tuple[Rest, ...]
     """
     frames = layout(p).bodies
     prefix = f"{axis}/" if axis else ""
-    named: Iterable[tuple[str, Turns]] = _bodies(p)
+    named: Iterable[tuple[str, str]] = _bodies(p)
 
-    def body(name: str, turned_by: Turns) -> Rest:
+    def body(name: str, turned_by: str) -> Rest:
         x, y, z = (float(value) for value in frames[name].origin)
         quaternion = np.zeros(4)
         mujoco.mju_mat2Quat(quaternion, frames[name].turn.ravel())
@@ -77,15 +75,14 @@ def body_names(rigs: Mapping[str, Parameters]) -> tuple[str, ...]:
     return ("world", *(f"{axis}/{name}" if axis else name for axis, name in named))
 
 
-def _bodies(p: Parameters) -> list[tuple[str, Turns]]:
+def _bodies(p: Parameters) -> list[tuple[str, str]]:
     """Bodies of a rig in the model's order, and what turns each."""
     stages = p.gearbox.stages
-    bodies: list[tuple[str, Turns]] = [("rotor", "motor"), ("crank", "crank")] if stages else [("crank", "motor")]
+    bodies: list[tuple[str, str]] = [("rotor", "motor"), ("crank", "crank")] if stages else [("crank", "motor")]
     if p.linkage.kind == "four_bar":
         bodies += [("rod", "rod"), ("rod_end", "rod")]
     bodies += [("column", "column"), ("limb", "limb")]
-    carriers: tuple[Turns, ...] = ("carrier1", "carrier2")
-    return bodies + [(name, name) for name in carriers[: max(stages - 1, 0)]]
+    return bodies + [(f"carrier{number}", f"carrier{number}") for number in range(1, stages)]
 
 
 def places(rigs: Mapping[str, Parameters]) -> dict[str, float]:

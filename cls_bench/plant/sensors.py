@@ -28,6 +28,11 @@ UNIFORM = ("spike", "command_frame", "feedback_frame")
 """Sources of chance, uniform in [0, 1); drawn only while something depends on them."""
 
 
+def woken(p: Parameters) -> dict[str, bool]:
+    """Which sources of chance the sensors depend on with these parameters."""
+    return {"spike": p.load_cell.spike_rate > 0.0}
+
+
 class Noise(NamedTuple):
     """The random numbers of a block, (ticks, axes) each; those of :data:`UNIFORM` may be empty."""
 
@@ -69,7 +74,6 @@ def weigh(cell: Any, mechanism: Any, body: Any, force: float, noise: float, spik
     discretised exactly for a force held over the tick; its converter saturates at the range. ``noise`` is a standard
     normal number, ``spike`` one in [0, 1), which is compared with the chance of a spike in a tick.
     """
-    body.strain_force = force
     body.zero += cell.drift * mechanism.tick
     shown = force
     if cell.creep != 0.0:

@@ -90,7 +90,7 @@ BODY = np.dtype(
         ("voltage", np.float64),  # on the motor's terminals [V]
         ("connected", np.float64),  # 1 if the power stage is on them; 0: they are open
         ("motor_torque", np.float64),  # of the air gap [N·m]
-        ("rod_force", np.float64),  # tension positive [N]
+        ("rod_force", np.float64),  # what the strain gauge sees, tension positive [N]
         ("along_crank", np.float64), ("along_column", np.float64),  # levers of the pins along the rod [m]
         ("across_column", np.float64),  # and across it [m]
         ("far_along", np.float64), ("far_across", np.float64),  # of the far mass, apart from its armatures [m/s²]
@@ -102,10 +102,20 @@ BODY = np.dtype(
         ("amplified", np.float64),  # output of the load cell amplifier's filter [N]
         ("zero", np.float64),  # of the load cell [N]
         ("crept", np.float64),  # [N]
-        ("strain_force", np.float64),  # what the strain gauge sees [N]
         ("shown_force", np.float64),  # what its amplifier is given, with all that is wrong with the cell [N]
     ]
 )  # fmt: skip
+
+SHOWN = np.dtype(
+    [
+        ("column_angle", np.float64),  # [rad]
+        ("column_velocity", np.float64),  # [rad/s]
+        ("limb_angle", np.float64),  # [rad]
+        ("hand_force", np.float64),  # of the hand on the grip [N]
+        ("squeeze", np.float64),  # −1 when the hand has let go
+    ]
+)
+"""What is to be seen of MuJoCo's memory and of the hand; :func:`cls_bench.plant.mechanism.show` fills it in."""
 
 TRUTH = np.dtype(
     [
@@ -113,6 +123,7 @@ TRUTH = np.dtype(
         ("parameters", [(name, kind_of(type(getattr(Parameters(), name)))) for name in PLANT]),
         ("mechanism", MECHANISM),
         ("body", BODY),
+        ("shown", SHOWN),
     ]
 )
 """The plant of one axis, all that MuJoCo does not hold. No function of control is given it."""
