@@ -251,7 +251,7 @@ class Bench:
         self.parameters_of[axis.name] = parameters
         plant_model.set_weights(self.model, axis.name, parameters)
         self._bound = tick.bound(self.parameters_of.values())
-        woken = [{**sensors.woken(p), **plc.woken(p)} for p in self.parameters_of.values()]
+        woken = [{**sensors.woken(p), **plc.woken(p.plc)} for p in self.parameters_of.values()]
         self._chances = [[each[source] for each in woken] for source in sensors.UNIFORM]
 
     def _named(self, name: str) -> Axis:

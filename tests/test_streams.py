@@ -104,7 +104,7 @@ def run(values):
 @pytest.mark.parametrize(("values", "own"), [
     ({"encoder.noise": 1e-3}, {"/drive.position", "/drive.velocity"}),
     ({"load_cell.noise": 3.0}, {"/load_cell.counts"}),
-    ({"potentiometer.noise": 1e-3}, set()),
+    ({"potentiometer.noise": 1e-3}, {"/column.potentiometer"}),
     ({"load_cell.spike_rate": 500.0, "load_cell.spike": 50.0}, {"/load_cell.counts"}),
 ])  # fmt: skip
 def test_a_sensors_noise_changes_no_other_sensor(values, own):

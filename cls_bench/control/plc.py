@@ -9,7 +9,7 @@ from cls_bench.compiled import compiled
 from cls_bench.control import feel, latch
 from cls_bench.control.kinematic_chain import column_from_motor, motor_from_column
 from cls_bench.kinematics import polynomial
-from cls_bench.parameters import Parameters
+from cls_bench.parameters import Plc
 
 COMMAND_POSITION, COMMAND_VELOCITY, COMMAND_ACCELERATION, COMMAND_TORQUE = range(4)
 """Slots of a command frame: PLCopen units, units/s, units/s², N·m at the motor."""
@@ -52,9 +52,9 @@ STATE = np.dtype(
 )
 
 
-def woken(p: Parameters) -> dict[str, bool]:
+def woken(p: Plc) -> dict[str, bool]:
     """Which sources of chance the field bus depends on with these parameters."""
-    lossy = p.plc.frame_loss > 0.0
+    lossy = p.frame_loss > 0.0
     return {"command_frame": lossy, "feedback_frame": lossy}
 
 
