@@ -284,7 +284,7 @@ def test_each_source_of_chance_is_woken_by_its_own_parameter():
     """None by default: what nothing depends on is not drawn."""
     def woken(**changed):
         p = override(Parameters(), changed)
-        return {**sensors.woken(p), **plc.woken(p)}
+        return {**sensors.woken(p), **plc.woken(p.plc)}
 
     assert woken() == dict.fromkeys(sensors.UNIFORM, False)
     assert [source for source, wakes in woken(**{"load_cell.spike_rate": 1.0}).items() if wakes] == ["spike"]
