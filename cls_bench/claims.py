@@ -118,6 +118,11 @@ def write_text(path: Path, text: str) -> None:
         file.write_bytes(text.encode(errors="surrogateescape"))
 
 
+def named(folder: Path) -> Path:
+    """``folder`` as it is written to: with a name that the file system takes, also where it was given as ``..``."""
+    return folder.with_name(file_name(folder.name)) if folder.name not in ("", "..") else folder.resolve()
+
+
 @contextmanager
 def claimed_folder(folder: Path, began: float, *, resume: bool = False) -> Iterator[Path]:
     """A folder for the results of one command, which no other writes to meanwhile; made if it is not there.
@@ -126,7 +131,7 @@ def claimed_folder(folder: Path, began: float, *, resume: bool = False) -> Itera
     [s] at which the command started); then it is a new one with a number behind its name. With ``resume`` only
     ``folder`` will do. Raises OutputError.
     """
-    folder = folder if folder.name not in ("", "..") else folder.resolve()
+    folder = named(folder)
     for candidate in numbered(folder):
         try:
             made = _made(candidate)

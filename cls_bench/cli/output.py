@@ -128,9 +128,9 @@ def results_folder(folder: Path, began: float, *, resume: bool = False) -> Path:
 
     ``began`` is the wall-clock time [s] at which the command started. Raises OutputError.
     """
-    from cls_bench.claims import claimed_folder, file_name
+    from cls_bench.claims import claimed_folder, named
 
-    wanted = folder.with_name(file_name(folder.name)) if folder.name not in ("", "..") else folder.resolve()
+    wanted = named(folder)
     claimed = click.get_current_context().with_resource(claimed_folder(wanted, began, resume=resume))
     if claimed != wanted:
         click.echo(f"{wanted} is in use by another cls-bench; the results go to {claimed}", err=True)

@@ -175,7 +175,7 @@ class McapFile:
             if magic != MCAP0_MAGIC:
                 raise InputError(f"{path}: not a recording of cls-bench: {'no MCAP file' if magic else 'it is empty'}")
             data_end = self._data_end(file)
-            self._scan(file, len(MCAP0_MAGIC), data_end)
+            self._scan(file, data_end)
             if data_end is not None and data_end < self._footer_at:
                 self._read_summary(file, data_end)
             named = {channel for chunk in self.chunks for channel in chunk.indexes}
@@ -255,13 +255,13 @@ class McapFile:
 
     # --- what lies where ---------------------------------------------------------------------------------------------
 
-    def _scan(self, file: IO[bytes], at: int, data_end: int | None) -> None:
+    def _scan(self, file: IO[bytes], data_end: int | None) -> None:
         """Note all records up to the summary, or to the end of the file if it is not known where that is.
 
         The record that ends the data is believed only where the summary begins: behind any other there may be more.
         """
         end = self._end if data_end is None else data_end
-        before = at
+        at = before = len(MCAP0_MAGIC)
         while at + _HEAD.size <= end:
             file.seek(at)
             opcode, length = _HEAD.unpack(file.read(_HEAD.size))
@@ -469,15 +469,13 @@ class McapFile:
 
         It also counts what is in the file: what is missing is said.
         """
-        footer_at = self._footer_at
-        if footer_at - start > LIMITS.text + LIMITS.chunk:
+        length = self._footer_at - start
+        if length > LIMITS.text + LIMITS.chunk:
             return
         file.seek(start)
-        summary = file.read(footer_at - start)
-        file.seek(footer_at)
-        footer = file.read(_FOOTER.size)
-        crc = _FOOTER.unpack(footer)[-1]
-        if crc and zlib.crc32(footer[:-4], zlib.crc32(summary)) != crc:
+        content = file.read(length + _FOOTER.size)
+        summary, crc = content[:length], _FOOTER.unpack_from(content, length)[-1]
+        if crc and zlib.crc32(content[:-4]) != crc:
             self.faults.append("its summary has a wrong checksum")
             return
         schemas, channels = dict(self.schemas), dict(self.channels)

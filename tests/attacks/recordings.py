@@ -168,7 +168,7 @@ def _command(trial: Trial, command: str, path: Path, kind: str, doubted: bool) -
     content = page.read_text(encoding="utf-8")
     if "</html>" not in content:
         raise LostError("the page has no end")
-    if re.search(r"<script|<img src=x|<[^>]*\sonerror=", re.sub(r"<svg.*?</svg>", "", content, flags=re.S)):
+    if re.search(r"<script|<img src=x|<[^>]*onerror=", re.sub(r"<svg.*?</svg>", "", content, flags=re.S)):
         raise LostError("the page carries out what the recording says")
     if command == "report":
         _check_commands(trial, content)
