@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
@@ -147,6 +147,10 @@ def test_frequency_is_exact():
     inertia=st.floats(0.01, 2.0), damping=st.floats(0.0, 20.0), stiffness=st.floats(0.0, 200.0),
     friction=st.floats(0.0, 3.0), centering=st.floats(0.0, 5.0), neutral=st.floats(-0.1, 0.1),
     cycle=st.sampled_from([5e-5, 4e-4, 1e-2, 0.3]), angle=st.floats(-0.3, 0.3), velocity=st.floats(-5.0, 5.0),
+)  # fmt: skip
+@example(  # a spring of the least number there is
+    inertia=1.0, damping=1.0, stiffness=5e-324, friction=0.0, centering=1.0, neutral=0.0, cycle=0.3, angle=0.0,
+    velocity=1.0,
 )  # fmt: skip
 def test_is_passive_at_any_cycle(inertia, damping, stiffness, friction, centering, neutral, cycle, angle, velocity):
     values = {

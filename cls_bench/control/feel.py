@@ -65,7 +65,8 @@ def response(time: float, decay: float, frequency_squared: float) -> tuple[float
         spread = math.expm1(-2.0 * w * time)
         cosine, sine = math.exp(slow * time) * (1.0 + 0.5 * spread), math.exp(slow * time) * -0.5 * spread / w
         if frequency_squared * time * time < 0.0025:  # hardly any spring: the sum of the two poles' parts
-            creep = math.expm1(slow * time) / slow if slow != 0.0 else time
+            # Of the least numbers there are, the product is lost in rounding and the quotient with it.
+            creep = math.expm1(slow * time) / slow if abs(slow * time) > 1e-300 else time
             return (creep - math.expm1(fast * time) / fast) / (2.0 * w), sine, cosine - decay * sine
     else:
         cosine, sine = fade, fade * time
