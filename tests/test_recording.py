@@ -591,6 +591,34 @@ os._exit(9)
     assert times.tolist() == list(range(0, 48_000 * TICK_NS, 8 * TICK_NS))
 
 
+@pytest.mark.parametrize("share", [0.01, 0.5, 0.99])
+def test_a_rerun_file_reads_when_its_process_is_killed_in_the_midst_of_a_write(tmp_path: Path, share: float) -> None:
+    """The system takes a part of a piece at least, and then there is no one left to take it back."""
+    script = f"""
+import sys, os; sys.path[:0] = {[str(Path(__file__).parent)]!r}
+from test_recording import INFO, TOPICS, make_block
+from cls_bench.recording import growing_file
+from cls_bench.recording.rerun_writer import RerunRecorder
+from pathlib import Path
+recorder = RerunRecorder(Path({str(tmp_path / "run.rrd")!r}), INFO, topics=TOPICS)
+written = os.write
+
+def dies(descriptor, piece):
+    written(descriptor, piece[: int({share} * len(piece))])
+    os._exit(9)
+
+for number in range(13):  # batches of two
+    if number == 11:
+        growing_file.os.write = dies
+    recorder.write(make_block(4000 * number, 4000))
+"""
+    assert subprocess.run([sys.executable, "-c", script], check=False).returncode == 9
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # Rerun says that there is no footer
+        times, _ = rrd_table(tmp_path / "run.rrd", "/column", "Scalars:scalars")
+    assert times.tolist() == list(range(0, 40_000 * TICK_NS, 8 * TICK_NS))
+
+
 def test_shapes_that_cannot_be_drawn_say_so(tmp_path: Path) -> None:
     info = replace(INFO, geoms=(_geom("hfield"),))
     with pytest.raises(ValueError, match="kind 'hfield'"):

@@ -17,6 +17,9 @@ CLOSING_S = 15.0
 
 _PIECE = 1 << 16
 
+_FRAME_HEAD = 16
+"""Kind and length that a frame of an .rrd begins with; zeros there are the end of the stream."""
+
 
 class RerunFile:
     """A stream of Rerun's whose bytes go into a file by whole batches.
@@ -28,7 +31,7 @@ class RerunFile:
 
     def __init__(self, path: Path, application: str, blueprint: Blueprint):
         self.stream = rr.RecordingStream(application)
-        self._file = GrowingFile(path)
+        self._file = GrowingFile(path, head=_FRAME_HEAD)
         self._pending = bytearray()
         self._lock = threading.Lock()
         self._read, write = os.pipe()
