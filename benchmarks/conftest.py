@@ -39,6 +39,19 @@ FOREIGN = 0.08
 """Share of one core that other processes may take in a round that counts."""
 
 
+WORKERS: set[int] = set()
+"""Process numbers of our own workers that run."""
+
+
+def _of_workers() -> float:
+    """Seconds of processor time that our own workers have taken."""
+    ticks = 0
+    for number in WORKERS:
+        fields = Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split()
+        ticks += int(fields[11]) + int(fields[12])
+    return ticks / os.sysconf("SC_CLK_TCK")
+
+
 def _foreign_cpu() -> float:
     """Seconds of processor time that others have taken so far; 0 where the system does not say."""
     stat = Path("/proc/stat")
@@ -46,7 +59,7 @@ def _foreign_cpu() -> float:
         return 0.0
     user, nice, system, _, _, irq, soft, steal = map(int, stat.read_text().split()[1:9])
     busy = (user + nice + system + irq + soft + steal) / os.sysconf("SC_CLK_TCK")
-    return busy - sum(os.times()[:4])
+    return busy - sum(os.times()[:4]) - _of_workers()
 
 
 class Comparison:

@@ -33,7 +33,7 @@ def test_recording(comparison: Comparison) -> None:
 
 def test_sweep_on_two_workers(comparison: Comparison) -> None:
     scenario = sway(1.0)
-    evaluate = ScenarioAt(scenario.source, None, tuple(scenario.checks), None)
+    evaluate = ScenarioAt(scenario, {})
     points = [{"feel.inertia": 0.3 + 0.01 * k} for k in range(24)]
     times = comparison.times(
         {f"{n}": lambda n=n: _sweep(evaluate, points, n) for n in (1, 2)},  # type: ignore[misc]

@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.conftest import WORKERS
+
 HERE = Path(__file__).parents[1]
 WORKER = Path(__file__).with_name("worker.py")
 
@@ -26,6 +28,7 @@ class Process:
             [sys.executable, str(WORKER), *what], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
             env=os.environ | {"PYTHONPATH": str(folder)} | environment, cwd=folder,
         )  # fmt: skip
+        WORKERS.add(self._process.pid)
 
     def measure(self) -> float:
         """Seconds, as the worker took them."""
@@ -38,6 +41,7 @@ class Process:
 
     def close(self) -> None:
         """End it."""
+        WORKERS.discard(self._process.pid)
         self._process.communicate("")
 
 
