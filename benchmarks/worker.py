@@ -59,7 +59,7 @@ def tick() -> Callable[[], float]:
     def measure() -> float:
         start = time.perf_counter()
         ticks = sum(next(run).ticks for _ in range(BLOCKS))
-        return (time.perf_counter() - start) / ticks
+        return (time.perf_counter() - start) / float(ticks)
 
     return measure
 
@@ -103,8 +103,8 @@ def run(kind: str) -> Callable[[], float]:
                 pass
             return time.perf_counter() - start
         shutil.rmtree(folder, ignore_errors=True)
-        given = ({},) if "controller" in inspect.signature(run_info).parameters else ()
-        topics = {"topics": bench.topics} if "topics" in inspect.signature(Recorder).parameters else {}
+        given: Any = ({},) if "controller" in inspect.signature(run_info).parameters else ()
+        topics: Any = {"topics": bench.topics} if "topics" in inspect.signature(Recorder).parameters else {}
         info = run_info(scenario, bench, *given)
         with Recorder(folder / "run", info, rerun=kind == "both", **topics) as recorder:
             start = time.perf_counter()
