@@ -27,6 +27,14 @@ from numpy.typing import NDArray
 from cls_bench.errors import InputError
 from cls_bench.kinematics import crank_from_column, rod_angle
 from cls_bench.parameters import MOST_STAGES, PLANT, Parameters, leaves
+from cls_bench.parameters.inertias import (
+    bearing_damping,
+    cell_damping,
+    column_inertia,
+    limb_inertia,
+    mesh_damping,
+    shaft_inertias,
+)
 
 Array = NDArray[np.float64]
 
@@ -130,9 +138,7 @@ class _Chain:
         self.crank = len(self.stages)
         self.column, self.limb = self.crank + 1, self.crank + 2
         self.joints = self.crank + 3
-        shafts = [p.motor.rotor_inertia + p.gearbox.input_inertia, *(stage.inertia for stage in self.stages)]
-        shafts[-1] += p.linkage.crank_inertia
-        self.shafts = shafts
+        self.shafts = shaft_inertias(p)
 
     def positions(self) -> Iterator[_Position]:
         link, stop = self.p.linkage, self.p.column.stop_angle
@@ -151,9 +157,8 @@ class _Chain:
 
     def inertias(self, at: _Position) -> Array:
         p = self.p
-        at_crank, far, end = p.linkage.masses
-        column = p.column.inertia + end * p.linkage.arm**2 + far * at.across**2
-        inertias = np.array([*self.shafts, column, p.limb.mass * p.column.grip_height**2])
+        at_crank, far, _ = p.linkage.masses
+        inertias = np.array([*self.shafts, column_inertia(p) + far * at.across**2, limb_inertia(p)])
         inertias[self.crank] += at_crank * p.linkage.crank**2 + far * at.crank**2
         return inertias
 
@@ -166,8 +171,7 @@ class _Chain:
     def meshes(self) -> list[_Spring]:
         springs = []
         for k, stage in enumerate(self.stages):
-            one, other = self.shafts[k] * stage.ratio**2, self.shafts[k + 1]
-            damping = 2.0 * stage.damping_ratio * math.sqrt(stage.stiffness * one * other / (one + other))
+            damping = mesh_damping(stage, self.shafts[k], self.shafts[k + 1])
             slope = stage.transmission_error * stage.teeth
             behind = 1.0 + (slope if stage.carried else 0.0)
             lever = self.lever({k: 1.0 / stage.ratio + slope, k + 1: -behind})
@@ -190,11 +194,8 @@ class _Chain:
     def configurations(self, at: _Position) -> Iterator[list[_Spring]]:
         """All states of contacts and hand with the linkage as it stands."""
         p, area = self.p, self.p.column.grip_height**2
-        carried = p.linkage.masses[2] + p.column.inertia / p.linkage.arm**2
-        cell = _Spring(
-            self.lever({self.crank: -at.crank, self.column: at.column}), p.load_cell.stiffness,
-            2.0 * p.load_cell.damping_ratio * math.sqrt(p.load_cell.stiffness * carried),
-        )  # fmt: skip
+        between = self.lever({self.crank: -at.crank, self.column: at.column})
+        cell = _Spring(between, p.load_cell.stiffness, cell_damping(p))
         on_column = self.lever({self.column: 1.0})
         bearing = _Spring(on_column, 0.0, p.column.viscous_friction)
         stop = _Spring(on_column, p.column.stop_stiffness, p.column.stop_damping)
@@ -210,10 +211,8 @@ class _Chain:
         """Matrix of one step for the state (q, v, z, i)."""
         p, n = self.p, self.joints
         inertia = self.inertias(at)
-        end = p.column.inertia + p.linkage.masses[2] * p.linkage.arm**2
-        bearing_damping = 0.2 * math.sqrt(p.column.bristle_stiffness * end)
         bristles = [(k, p.gearbox.bristle_stiffness, p.gearbox.bristle_damping) for k in range(len(self.stages))]
-        bristles.append((self.column, p.column.bristle_stiffness, bearing_damping))
+        bristles.append((self.column, p.column.bristle_stiffness, bearing_damping(p)))
         size = 2 * n + len(bristles) + 1
         current = size - 1
         force = np.zeros((n, size))

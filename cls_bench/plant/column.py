@@ -1,22 +1,14 @@
 """The control column: its bearing and its stop blocks."""
 
-import math
 from typing import Any
 
 from cls_bench.compiled import compiled
-from cls_bench.parameters import Parameters
 from cls_bench.plant import friction
 from cls_bench.plant.play import contact_torque, dead_zone
 
 STRIBECK = 0.01
 """Stribeck velocity of the bearing [rad/s]; without effect on its level, as static and Coulomb friction are equal, it
 sets the speed above which the presliding damping fades out (assumed: well below the slowest sweep)."""
-
-
-def bearing_damping(p: Parameters) -> float:
-    """Presliding damping [N·m·s/rad]: a tenth of critical, enough to quiet the bristles, too little in sliding."""
-    inertia = p.column.inertia + p.linkage.masses[2] * p.linkage.arm**2
-    return 0.2 * math.sqrt(p.column.bristle_stiffness * inertia)
 
 
 @compiled

@@ -26,23 +26,10 @@ import math
 from typing import Any
 
 from cls_bench.compiled import compiled
-from cls_bench.parameters import Gearbox, GearStage, Parameters
+from cls_bench.parameters import Gearbox, Parameters
+from cls_bench.parameters.inertias import mesh_damping, shaft_inertias
 from cls_bench.plant import friction
 from cls_bench.plant.play import contact_torque, dead_zone
-
-
-def mesh_damping(stage: GearStage, input_inertia: float, output_inertia: float) -> float:
-    """Damping [N·m·s/rad] of a mesh: the damping ratio against the two inertias it lies between, at its output."""
-    a = input_inertia * stage.ratio**2
-    reduced = a * output_inertia / (a + output_inertia)
-    return 2.0 * stage.damping_ratio * math.sqrt(stage.stiffness * reduced)
-
-
-def shaft_inertias(p: Parameters) -> list[float]:
-    """Inertia [kg·m²] of each shaft from the motor's to the crank's, without what the rod adds."""
-    inertias = [p.motor.rotor_inertia + p.gearbox.input_inertia, *(stage.inertia for stage in p.gearbox.in_use)]
-    inertias[-1] += p.linkage.crank_inertia
-    return inertias
 
 
 def configure(mechanism: Any, p: Parameters) -> None:

@@ -5,6 +5,7 @@ from typing import Any
 
 from cls_bench.compiled import compiled
 from cls_bench.parameters import MOST_STAGES, Parameters
+from cls_bench.parameters.inertias import bearing_damping
 from cls_bench.plant import column, gearbox, limb, motor, rod, sensors
 
 
@@ -15,7 +16,7 @@ def configure(mechanism: Any, p: Parameters) -> None:
     mechanism.tick, mechanism.step = tick, step
     gearbox.configure(mechanism, p)
     rod.configure(mechanism, p)
-    mechanism.bearing_damping = column.bearing_damping(p)
+    mechanism.bearing_damping = bearing_damping(p)
     mechanism.current_decay = math.exp(-step * p.motor.resistance / p.motor.inductance)
     mechanism.heat_decay = math.exp(-step / p.motor.thermal_time_constant)
     sensors.configure(mechanism, p)

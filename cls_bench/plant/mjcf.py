@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cls_bench.parameters import GRAVITY, Parameters
-from cls_bench.plant.column import STRIBECK, bearing_damping
-from cls_bench.plant.gearbox import shaft_inertias
-from cls_bench.plant.rod import cell_damping
+from cls_bench.parameters.inertias import bearing_damping, cell_damping, shaft_inertias
+from cls_bench.plant.column import STRIBECK
 from cls_bench.plant.shapes import Frame, Layout, Vector, layout
 from cls_bench.resources import model_folder
 

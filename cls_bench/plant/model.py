@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from cls_bench.parameters import GRAVITY, Parameters
-from cls_bench.plant.gearbox import shaft_inertias
+from cls_bench.parameters.inertias import column_inertia, limb_inertia, shaft_inertias
 
 _LIGHT = 1e-6
 """Mass [kg] of bodies that have an inertia alone; MuJoCo wants it positive."""
@@ -32,16 +32,6 @@ def shaft_names(stages: int) -> list[str]:
 def crank_inertia(p: Parameters) -> float:
     """Inertia [kg·m²] of the crank's shaft with what is at its pin, without the rod's far mass."""
     return shaft_inertias(p)[-1] + p.linkage.masses[0] * p.linkage.four_bar.crank ** 2
-
-
-def column_inertia(p: Parameters) -> float:
-    """Inertia [kg·m²] of the column with the rod end, without the rod's far mass."""
-    return p.column.inertia + p.linkage.masses[2] * p.linkage.arm**2
-
-
-def limb_inertia(p: Parameters) -> float:
-    """Inertia [kg·m²] of forearm and hand about the column's axis; their weight rests on the pilot's shoulder."""
-    return p.limb.mass * p.column.grip_height**2
 
 
 def _weights(p: Parameters) -> dict[str, tuple[float, float, float, float]]:

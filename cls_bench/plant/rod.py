@@ -22,12 +22,7 @@ from typing import Any
 from cls_bench.compiled import compiled
 from cls_bench.kinematics import crank_axis
 from cls_bench.parameters import GRAVITY, Parameters
-
-
-def cell_damping(p: Parameters) -> float:
-    """Damping [N·s/m] of the load cell: its ratio against what it carries, rod end and column, seen at the pin."""
-    carried = p.linkage.masses[2] + p.column.inertia / p.linkage.arm**2
-    return 2.0 * p.load_cell.damping_ratio * math.sqrt(p.load_cell.stiffness * carried)
+from cls_bench.parameters.inertias import cell_damping
 
 
 def configure(mechanism: Any, p: Parameters) -> None:

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cls_bench.parameters import Parameters
+from cls_bench.parameters.inertias import cell_damping, column_inertia, mesh_damping, shaft_inertias
 
 Array = NDArray[np.float64]
 
@@ -60,28 +61,22 @@ def resonances(p: Parameters) -> Resonances:
 
 def chain(p: Parameters) -> Chain:
     """The shafts of a rig at neutral."""
-    link, stages, cell = p.linkage, p.gearbox.in_use, p.load_cell
-    at_crank, far, end = link.masses
-    lever = link.levers
-    # The rod's far mass moves along the rod with the crank, across it with the control.
-    crank = link.crank_inertia + at_crank * link.crank**2 + far * lever.crank**2
-    control = p.column.inertia + end * link.arm**2 + far * lever.across**2
-    shafts = [p.motor.rotor_inertia + p.gearbox.input_inertia, *(stage.inertia for stage in stages)]
-    shafts[-1] += link.crank_inertia  # without a stage the motor is the crank
+    link, cell = p.linkage, p.load_cell
+    at_crank, far, _ = link.masses
+    lever, shafts = link.levers, shaft_inertias(p)
     behind = ratio = p.gearbox.ratio * lever.ratio
     inertias, springs, dampers = [shafts[0] * behind**2], [], []
-    for stage, before, after in zip(stages, shafts, shafts[1:], strict=False):
+    for stage, before, after in zip(p.gearbox.in_use, shafts, shafts[1:], strict=False):
         behind /= stage.ratio
-        one = before * stage.ratio**2
-        damper = 2.0 * stage.damping_ratio * math.sqrt(stage.stiffness * one * after / (one + after))
         inertias.append(after * behind**2)
         springs.append(stage.stiffness * behind**2)
-        dampers.append(damper * behind**2)
-    inertias[-1] += (crank - link.crank_inertia) * lever.ratio**2
-    carried = end + p.column.inertia / link.arm**2
+        dampers.append(mesh_damping(stage, before, after) * behind**2)
+    # The rod's far mass moves along the rod with the crank, across it with the control.
+    inertias[-1] += (at_crank * link.crank**2 + far * lever.crank**2) * lever.ratio**2
+    inertias.append(column_inertia(p) + far * lever.across**2)
     springs.append(cell.stiffness * lever.column**2)
-    dampers.append(2.0 * cell.damping_ratio * math.sqrt(cell.stiffness * carried) * lever.column**2)
-    return Chain(np.array([*inertias, control]), np.array(springs), np.array(dampers), ratio)
+    dampers.append(cell_damping(p) * lever.column**2)
+    return Chain(np.array(inertias), np.array(springs), np.array(dampers), ratio)
 
 
 def _frequencies(inertias: Array, stiffness: Array) -> Array:

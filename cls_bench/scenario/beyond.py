@@ -8,6 +8,7 @@ import math
 from collections.abc import Iterator, Sequence
 
 from cls_bench.parameters import Parameters
+from cls_bench.parameters.inertias import column_inertia
 from cls_bench.scenario.segments import Segment
 
 STRONG = 334.0
@@ -38,7 +39,7 @@ def beyond_the_rig(hand: Sequence[Segment], p: Parameters) -> Iterator[str]:
             f"the motor turns {true:.4g} times for one turn of the control, and drive and PLC believe {believed:.4g} "
             "(nameplate): what a rig is built of belongs in its file, from which the nameplate follows"
         )
-    own = p.column.inertia + p.linkage.masses[2] * p.linkage.arm**2
+    own = column_inertia(p)
     if p.feel.inertia < own:
         yield (
             f"feel.inertia = {p.feel.inertia:g} kg·m² is less than the {own:.3g} kg·m² of this rig's own control: the "
