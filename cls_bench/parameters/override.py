@@ -10,6 +10,7 @@ from pydantic import ValidationError
 
 from cls_bench.input.faults import FaultError, listed, nearest, problem_of, shown
 from cls_bench.parameters import Parameters, Section, leaves
+from cls_bench.parameters.quantity import constraints
 
 _OF_A_FOUR_BAR = tuple(
     f"linkage.{name}"
@@ -27,19 +28,12 @@ def known_keys() -> Mapping[str, Mapping[str, Any]]:
 def bounds(key: str) -> tuple[float, float]:
     """Least and greatest value that the parameter ``key`` may have; infinite where there is none."""
     section: Section = Parameters()
-    low, high = -math.inf, math.inf
     *parents, last = key.split(".")
     for parent in parents:
         section = getattr(section, parent)
-    for constraint in type(section).model_fields[last].metadata:
-        if hasattr(constraint, "ge"):
-            low = constraint.ge
-        if hasattr(constraint, "gt"):
-            low = math.nextafter(constraint.gt, math.inf)
-        if hasattr(constraint, "le"):
-            high = constraint.le
-        if hasattr(constraint, "lt"):
-            high = math.nextafter(constraint.lt, -math.inf)
+    declared = constraints(type(section).model_fields[last])
+    low = math.nextafter(declared["gt"], math.inf) if "gt" in declared else declared.get("ge", -math.inf)
+    high = math.nextafter(declared["lt"], -math.inf) if "lt" in declared else declared.get("le", math.inf)
     return low, high
 
 

@@ -65,10 +65,16 @@ def leaves(
             yield f"{prefix}{name}", value, about
 
 
+def constraints(info: FieldInfo) -> dict[str, float]:
+    """Bounds that are declared for a parameter, by pydantic's names of them: ``gt``, ``ge``, ``lt``, ``le``."""
+    return {key: getattr(m, key) for m in info.metadata for key in _SIGNS if hasattr(m, key)}
+
+
+_SIGNS = {"gt": ">", "ge": "≥", "lt": "<", "le": "≤"}
+
+
 def _valid(info: FieldInfo) -> str:
     """What values a parameter may have, in words; empty if any of its type."""
     if get_origin(info.annotation) is Literal:
         return ", ".join(get_args(info.annotation))
-    signs = {"gt": ">", "ge": "≥", "lt": "<", "le": "≤"}
-    bounds = [f"{sign} {getattr(m, key):.6g}" for m in info.metadata for key, sign in signs.items() if hasattr(m, key)]
-    return ", ".join(bounds)
+    return ", ".join(f"{_SIGNS[key]} {bound:.6g}" for key, bound in constraints(info).items())

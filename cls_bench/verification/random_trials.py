@@ -5,11 +5,13 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any, get_args
 
 import numpy as np
+from pydantic.fields import FieldInfo
 
 from cls_bench.bench import Bench
 from cls_bench.drivers import scripted
 from cls_bench.errors import InputError
 from cls_bench.parameters import ARCMIN, PLANT, Column, Gearbox, Parameters, Section
+from cls_bench.parameters.quantity import constraints
 from cls_bench.scenario import Release, Scenario, Squeeze, Step
 from cls_bench.verification.row import Row
 from cls_bench.verification.subject import Subject
@@ -89,7 +91,7 @@ def _values(section: Section, draw: Draw, bold: float) -> dict[str, Any]:
         elif isinstance(default, bool):
             values[name] = default if draw() <= 1.0 - bold else not default
         elif isinstance(default, int | float):
-            values[name] = _number(default, _bounds(info.metadata), draw, bold)
+            values[name] = _number(default, _bounds(info), draw, bold)
         else:
             values[name] = default
     if isinstance(section, Column):  # which come one after the other
@@ -113,12 +115,11 @@ def _rates(draw: Draw, bold: float) -> dict[str, float]:
     }  # fmt: skip
 
 
-def _bounds(metadata: list[Any]) -> tuple[float, float]:
-    low, high = -math.inf, math.inf
-    for bound in metadata:
-        low = max(low, getattr(bound, "ge", -math.inf), getattr(bound, "gt", -math.inf))
-        high = min(high, getattr(bound, "le", math.inf), getattr(bound, "lt", math.inf))
-    return low, high
+def _bounds(info: FieldInfo) -> tuple[float, float]:
+    """What a parameter may not go beyond, whether or not it may be there."""
+    declared = constraints(info)
+    low = declared.get("gt", declared.get("ge", -math.inf))
+    return low, declared.get("lt", declared.get("le", math.inf))
 
 
 def _number(default: float, bounds: tuple[float, float], draw: Draw, bold: float) -> Any:
@@ -167,7 +168,7 @@ def _known(section: Section, prefix: str = "") -> Iterator[tuple[str, Any, tuple
         elif isinstance(value, str):
             yield f"{prefix}{name}", value, get_args(info.annotation)
         else:
-            yield f"{prefix}{name}", value, _bounds(info.metadata)
+            yield f"{prefix}{name}", value, _bounds(info)
 
 
 def accepted_trial(values: Mapping[str, Any]) -> str:
