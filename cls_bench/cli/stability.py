@@ -92,7 +92,36 @@ def _grip_options(function: Callable[..., Any]) -> Callable[..., Any]:
     return function
 
 
+@dataclasses.dataclass(frozen=True)
+class GivenTrial:
+    """What the command line says of a trial."""
+
+    rate_deg: float | None
+    pulse: float | None
+    slowest_hz: float
+    seed: int
+
+    def of(self, given: GivenSetup) -> "Standard":
+        """The trial of that bench. Raises InputError."""
+        from cls_bench.stability.trial import STILL, Standard
+
+        standard = STILL if given.ideal else Standard()
+        return dataclasses.replace(
+            standard, rate_deg=standard.rate_deg if self.rate_deg is None else self.rate_deg,
+            pulse=standard.pulse if self.pulse is None else self.pulse, seed=self.seed, slowest=self.slowest_hz,
+        )  # fmt: skip
+
+
 def _trial_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Options of a trial; passed on as ``trial``."""
+
+    @functools.wraps(function)
+    def command(
+        *arguments: Any, rate_deg: float | None, pulse: float | None, slowest_hz: float, seed: int, **options: Any
+    ) -> Any:
+        return function(*arguments, trial=GivenTrial(rate_deg, pulse, slowest_hz, seed), **options)
+
+    wrapped: Callable[..., Any] = command
     for option in (
         click.option("--rate-deg", type=FiniteRange(0), metavar="DEG/S",
                      help="Rate at which the hand moves the column during a trial; 0 holds still.  [default: 20, "
@@ -104,20 +133,8 @@ def _trial_options(function: Callable[..., Any]) -> Callable[..., Any]:
                      help="Slowest oscillation that a trial sees; slower ones need longer trials."),
         click.option("--seed", type=SEED, default=0, show_default=True, help="Seed of the noise."),
     ):  # fmt: skip
-        function = option(function)
-    return function
-
-
-def _standard(
-    ideal: bool, rate_deg: float | None, pulse: float | None, slowest_hz: float, seed: int
-) -> "Standard":
-    from cls_bench.stability.trial import STILL, Standard
-
-    standard = STILL if ideal else Standard()
-    return dataclasses.replace(
-        standard, rate_deg=standard.rate_deg if rate_deg is None else rate_deg,
-        pulse=standard.pulse if pulse is None else pulse, seed=seed, slowest=slowest_hz,
-    )  # fmt: skip
+        wrapped = option(wrapped)
+    return wrapped
 
 
 def _find(
@@ -313,8 +330,7 @@ def predict(given: GivenSetup, as_json: bool) -> None:
 @controller_options
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of tables.")
 def onset(
-    vary: str, low: float | None, high: float | None, tolerance: float, given: GivenSetup,
-    rate_deg: float | None, pulse: float | None, slowest_hz: float, seed: int,
+    vary: str, low: float | None, high: float | None, tolerance: float, given: GivenSetup, trial: GivenTrial,
     controller: GivenController, as_json: bool,
 ) -> None:  # fmt: skip
     """Search where the running bench turns unstable."""
@@ -323,10 +339,7 @@ def onset(
     setup = given.of()
     warn_of_drive(setup.parameters)
     quantity = variation(vary, low, high, of=setup.parameters)
-    found = _find(
-        controller, setup, quantity, _standard(given.ideal, rate_deg, pulse, slowest_hz, seed), quiet=as_json,
-        tolerance=tolerance,
-    )  # fmt: skip
+    found = _find(controller, setup, quantity, trial.of(given), quiet=as_json, tolerance=tolerance)
     last = found.last_unstable
     if as_json:
         oscillation = None if last is None else {k: _finite(v) for k, v in dataclasses.asdict(last).items()}
@@ -383,8 +396,7 @@ def _trial_line(unit: str, quiet: bool) -> Any:
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of text.")
 def stability_map(
     x: str, y: str, x_range: tuple[float, float] | None, y_range: tuple[float, float] | None, size: tuple[int, int],
-    given: GivenSetup, rate_deg: float | None, pulse: float | None, slowest_hz: float, seed: int,
-    out: Path | None, resume: bool, scheduler: str, as_json: bool,
+    given: GivenSetup, trial: GivenTrial, out: Path | None, resume: bool, scheduler: str, as_json: bool,
 ) -> None:  # fmt: skip
     """Map stability over two quantities: a trial at each point, beside the linear model and Eq. 3.16.
 
@@ -409,8 +421,7 @@ def stability_map(
     try:
         with points_progress(quiet=as_json) as report:
             result = compute(
-                setup, Grid(axes[0], axes[1], *size),
-                _standard(given.ideal, rate_deg, pulse, slowest_hz, seed), journal=journal, resume=resume,
+                setup, Grid(axes[0], axes[1], *size), trial.of(given), journal=journal, resume=resume,
                 scheduler=scheduler, report=report, say=lambda line: click.echo(line, err=True),
             )  # fmt: skip
     except KeyboardInterrupt:
@@ -444,8 +455,7 @@ def stability_map(
 @click.option("--scheduler", default="threads", show_default=True, metavar="WHERE", help="As for stability-map.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of a table.")
 def stabilisers(
-    given: GivenSetup, rate_deg: float | None, pulse: float | None, slowest_hz: float, seed: int,
-    out: Path | None, scheduler: str, as_json: bool,
+    given: GivenSetup, trial: GivenTrial, out: Path | None, scheduler: str, as_json: bool,
 ) -> None:  # fmt: skip
     """Least stable simulated inertia with and without what a designer can do about it."""
     began = time.time()
@@ -456,9 +466,7 @@ def stabilisers(
 
     setup = given.of()
     with points_progress(quiet=as_json) as report:
-        found = compare(
-            setup, _standard(given.ideal, rate_deg, pulse, slowest_hz, seed), scheduler=scheduler, report=report
-        )
+        found = compare(setup, trial.of(given), scheduler=scheduler, report=report)
     folder = results_folder(out or RECORDINGS / "stabilisers", began)
     try:
         written = save(figures.stabilisers(found, search_range(setup.parameters)[1]), folder / "stabilisers")
@@ -498,8 +506,7 @@ def check() -> None:
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of text.")
 @click.pass_context
 def check_onset(
-    ctx: click.Context, min_ratio: float | None, min_margin: float | None, given: GivenSetup,
-    rate_deg: float | None, pulse: float | None, slowest_hz: float, seed: int,
+    ctx: click.Context, min_ratio: float | None, min_margin: float | None, given: GivenSetup, trial: GivenTrial,
     controller: GivenController, as_json: bool,
 ) -> None:  # fmt: skip
     """Pass if a tight grip stays stable up to I_fwd = R · I_fcs, and the present hand is stable by a margin.
@@ -515,9 +522,8 @@ def check_onset(
         raise InputError("check onset: give --min-ratio, --min-margin, or both")
     wanted = 0.0 if min_margin is None else min_margin
     setup = given.of()
-    standard = _standard(given.ideal, rate_deg, pulse, slowest_hz, seed)
     vary = variation("forward_inertia", of=setup.parameters)
-    found = _find(controller, setup, vary, standard, quiet=True, follow=False)
+    found = _find(controller, setup, vary, trial.of(given), quiet=True, follow=False)
     inertia, present = setup.parameters.feel.inertia, forward_inertia(setup.parameters, setup.hand)
     critical = found.value if found.value is not None else 0.0 if found.stable_at is None else math.inf
     ratio, margin = critical / inertia, critical / present - 1.0
