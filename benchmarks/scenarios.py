@@ -1,16 +1,9 @@
 """What is simulated in the benchmarks."""
 
+from benchmarks import worker
 from cls_bench.scenario import Scenario, parse_scenario
 
-SWAY = """
-title = "The hand sways the column, the drive is on"
-duration = {duration}
-[[hand]]
-at = 0.0
-kind = "sine"
-amplitude_deg = 8.0
-frequency = 1.0
-[[checks]]
+SWAY = worker.SWAY + """[[checks]]
 name = "tracking"
 metric = "tracking_error_rms_deg"
 window = [0.0, {duration}]
