@@ -148,6 +148,13 @@ def plant(p: Parameters, hand: Hand) -> Plant:
     )  # fmt: skip
 
 
+def rigid(p: Parameters) -> tuple[float, float]:
+    """As if all were stiff, at neutral: turns of the motor for one of the column, and inertia at the motor [kg·m²]."""
+    ratio = p.gearbox.ratio * levers(p.linkage).ratio
+    turns = np.array([1.0, *(1.0 / np.cumprod([stage.ratio for stage in p.gearbox.in_use])), 1.0 / ratio])
+    return ratio, float(turns @ plant(p, Hand(None)).mass @ turns)
+
+
 def resonances(p: Parameters, hand: Hand | None = None) -> tuple[float, ...]:
     """Undamped frequencies of the plant [Hz] with the motor switched off, lowest first; hand off unless given."""
     return tuple(frequency for frequency, _ in plant(p, hand or Hand(None)).modes)

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from cls_bench.bench import Bench
+from cls_bench.drivers import timed
 from cls_bench.parameters import Parameters
 from cls_bench.pilot import HandTimeline
 from cls_bench.rigs import load_rig
@@ -40,11 +41,7 @@ def _signals(parameters: Mapping[str, Parameters]) -> dict[str, Array]:
     """All that a bench of these axes records, by topic."""
     bench = Bench(parameters, seed=7)
     hands = [HandTimeline(HANDS[axis].on(p)) for axis, p in parameters.items()]
-    bench.start()
-    end, blocks = bench.clock.tick_of(DURATION), []
-    while (first := bench.next_tick) < end:
-        ticks = min(bench.block_ticks, end - first)
-        blocks.append(bench.advance([hand.sample(first, ticks) for hand in hands]))
+    blocks = list(timed.run(bench, lambda first, ticks: [h.sample(first, ticks) for h in hands], (), DURATION))
     return {topic.path: np.concatenate([block.signals[topic.path] for block in blocks]) for topic in bench.topics}
 
 

@@ -4,7 +4,8 @@ from collections.abc import Iterator, Mapping
 
 from cls_bench.analysis import energy
 from cls_bench.bench import Bench
-from cls_bench.drivers import scripted
+from cls_bench.drivers import scripted, timed
+from cls_bench.hand import HandSamples
 from cls_bench.parameters import ARCMIN, DEG, Gearbox, GearStage, Linkage, Parameters
 from cls_bench.pilot import HandTimeline
 from cls_bench.scenario import DriveStart, Ramp, Release, Scenario, Segment, Sine, Squeeze, Step
@@ -110,12 +111,12 @@ def _side_by_side(subject: Subject) -> Iterator[Row]:
 
 def _together(axes: Mapping[str, Parameters]) -> Iterator[Block]:
     """The run of :data:`FELT` on all ``axes`` of one bench."""
-    bench, timeline = Bench(axes, seed=FELT.seed), HandTimeline(FELT)
-    bench.start()
-    while bench.next_tick < FELT.ticks:
-        ticks = min(bench.block_ticks, FELT.ticks - bench.next_tick)
-        hand = timeline.sample(bench.next_tick, ticks)
-        yield bench.advance([hand] * len(axes), last=bench.next_tick + ticks == FELT.ticks)
+    timeline = HandTimeline(FELT)
+
+    def hands(first: int, ticks: int) -> list[HandSamples]:
+        return [timeline.sample(first, ticks)] * len(axes)
+
+    return timed.run(Bench(axes, seed=FELT.seed), hands, (), FELT.duration)
 
 
 def _rows(name: str, audit: energy.EnergyAudit) -> Iterator[Row]:

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cls_bench.linear.hand import Hand
-from cls_bench.linear.linkage import levers
-from cls_bench.linear.plant import MOTOR, Plant, plant
+from cls_bench.linear.plant import MOTOR, Plant, plant, rigid
 from cls_bench.linear.variation import ideal
 from cls_bench.parameters import Parameters
 from cls_bench.verification.rigs import rigs
@@ -60,11 +59,8 @@ def respond(subject: Subject, p: Parameters, load: float) -> Response:
     period = round(1.0 / specimen.step)
     time = np.asarray(np.arange(2 * period) * specimen.step, dtype=np.float64)
     lines = np.arange(1, TOP + 1)
-    ratio = p.gearbox.ratio * levers(p.linkage).ratio
     model = plant(p, Hand(squeeze=None))
-    # Inertia of all of it, as if it were stiff, at the motor.
-    turns = np.array([1.0, *(1.0 / np.cumprod([stage.ratio for stage in p.gearbox.in_use])), 1.0 / ratio])
-    inertia = float(turns @ model.mass @ turns)
+    ratio, inertia = rigid(p)
     # Schroeder phases keep the peak of the sum low; growing with frequency, as the plant's gain falls.
     phases = -math.pi * lines * (lines - 1) / len(lines)
     spectrum = np.zeros(period // 2 + 1, dtype=complex)

@@ -9,9 +9,8 @@ import numpy as np
 
 from cls_bench.bench import Bench
 from cls_bench.drivers import scripted
-from cls_bench.linear.hand import Hand
 from cls_bench.linear.linkage import levers
-from cls_bench.linear.plant import plant
+from cls_bench.linear.plant import rigid
 from cls_bench.parameters import Parameters, Simulation
 from cls_bench.resources import shipped_rigs
 from cls_bench.rigs import THESIS, load_rig
@@ -159,9 +158,7 @@ def exercise(p: Parameters) -> Exercise:
     step = p.rates.clock.tick_s
     time = np.asarray(np.arange(round(1.0 / step) + 1) * step, dtype=np.float64)
     grown = _grown(time, 0.3)
-    ratio = p.gearbox.ratio * levers(p.linkage).ratio
-    turns = np.array([1.0, *(1.0 / np.cumprod([stage.ratio for stage in p.gearbox.in_use])), 1.0 / ratio])
-    inertia = float(turns @ plant(p, Hand(None)).mass @ turns)  # of all of it, at the motor
+    ratio, inertia = rigid(p)
     swing = 0.5 * p.column.travel * ratio * np.sin(2.0 * np.pi * time) * grown
     hand = p.load_cell.capacity * p.linkage.arm / 7.0 * np.sin(2.0 * np.pi * 3.0 * time) * grown
     return Exercise(time, hand, Guide(2e4 * inertia, 500.0 * inertia, swing, np.gradient(swing, step)))
