@@ -424,9 +424,8 @@ def _about_ticks(between: Array) -> float:
 
 def _deflection(stage: GearStage, before: Array, behind: Array) -> Array:
     """How far the mesh between two shafts is pressed together, at its output [rad]; 0 within the backlash."""
-    carried = float(stage.kind == "planetary")  # the mesh turns with the output, as planets with their carrier
     twist = before / stage.ratio - behind
-    twist = twist - stage.transmission_error * np.sin(stage.teeth * (before - carried * behind))
+    twist = twist - stage.transmission_error * np.sin(stage.teeth * (before - stage.carried * behind))
     return np.sign(twist) * np.maximum(np.abs(twist) - 0.5 * stage.backlash, 0.0)
 
 
