@@ -99,12 +99,6 @@ _CYCLES = (
 CLOCK = Clock()
 """The thesis's rates: 20 kHz, 5 kHz, 2.5 kHz."""
 
-# The same under the names of old, for what does not yet know other rates.
-TICK_NS, TICK_S = CLOCK.tick_ns, CLOCK.tick_s
-PLC_TICKS, PLC_S = CLOCK.plc_ticks, CLOCK.plc_s
-VELOCITY_TICKS, VELOCITY_S = CLOCK.velocity_ticks, CLOCK.velocity_s
-POSE_TICKS = CLOCK.pose_ticks
-
 
 @dataclass(frozen=True)
 class Signal:

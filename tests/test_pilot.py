@@ -10,16 +10,16 @@ from scipy.signal import chirp as scipy_chirp
 from cls_bench.parameters import DEG
 from cls_bench.pilot import HandTimeline
 from cls_bench.scenario import parse_scenario
-from cls_bench.signals import TICK_S
+from cls_bench.signals import CLOCK
 from tests.running import run
 
 
 def hand(toml, duration=2.0, first=0, ticks=None):
     timeline = HandTimeline(parse_scenario(f'title = "test"\nduration = {duration}\n{toml}'))
-    return timeline.sample(first, ticks or round(duration / TICK_S))
+    return timeline.sample(first, ticks or round(duration / CLOCK.tick_s))
 
 
-T = np.arange(40_000) * TICK_S
+T = np.arange(40_000) * CLOCK.tick_s
 """Times of the ticks of a run of 2 s."""
 
 
@@ -50,8 +50,8 @@ def test_smooth_ramp_has_least_jerk():
     assert h.angle[20_000] == pytest.approx(8.0 * DEG)
     assert h.velocity.max() == pytest.approx(8.0 * DEG * 15 / 8, rel=1e-6)
     assert np.argmax(h.velocity) == 10_000
-    np.testing.assert_allclose(np.gradient(h.angle, TICK_S)[1:-1], h.velocity[1:-1], atol=1e-6)
-    assert np.abs(np.gradient(h.velocity, TICK_S)[[1, 19_998, 30_000]]).max() < 0.01
+    np.testing.assert_allclose(np.gradient(h.angle, CLOCK.tick_s)[1:-1], h.velocity[1:-1], atol=1e-6)
+    assert np.abs(np.gradient(h.velocity, CLOCK.tick_s)[[1, 19_998, 30_000]]).max() < 0.01
 
 
 def test_hold_and_step():
@@ -95,7 +95,7 @@ def test_fade_takes_over_smoothly():
     np.testing.assert_allclose(
         h.angle[later], 4.0 * DEG * np.cos(2 * np.pi * 2.0 * (T[later] - 0.5)), atol=1e-12
     )
-    np.testing.assert_allclose(np.gradient(h.angle, TICK_S)[10_002:-1], h.velocity[10_002:-1], atol=1e-4)
+    np.testing.assert_allclose(np.gradient(h.angle, CLOCK.tick_s)[10_002:-1], h.velocity[10_002:-1], atol=1e-4)
 
 
 @pytest.mark.parametrize(("sweep", "method"), [("linear", "linear"), ("log", "logarithmic")])

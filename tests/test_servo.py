@@ -9,10 +9,12 @@ from cls_bench.control import latch, servo, tuning
 from cls_bench.control.outer_loop import Command
 from cls_bench.kinematics import FourBar, crank_from_column, crank_ratio
 from cls_bench.parameters import Drive, Motor, Parameters, record_of
-from cls_bench.signals import PLC_S, TICK_S, VELOCITY_S
+from cls_bench.signals import CLOCK
 from tests.running import run
 
 BAR = FourBar(0.100, 0.209, 0.175)
+
+PLC_S, TICK_S, VELOCITY_S = CLOCK.plc_s, CLOCK.tick_s, CLOCK.velocity_s
 
 
 def parts(load_inertia=9.27e-5, **drive):

@@ -15,7 +15,7 @@ from cls_bench import tick
 from cls_bench.bench import Bench
 from cls_bench.hand import HandSamples
 from cls_bench.parameters import Motor, Parameters
-from cls_bench.signals import TICK_S, TOPICS
+from cls_bench.signals import CLOCK, TOPICS
 from tests.running import run
 
 SWAY = """
@@ -40,7 +40,7 @@ def test_rows_show_the_state_at_their_own_time(sway):
     angle, velocity = sway["/column.angle"], sway["/column.velocity"]
     assert (angle[0], velocity[0]) == (0.0, 0.0)
     assert np.ptp(angle) > 0.1
-    np.testing.assert_allclose(np.diff(angle), velocity[1:] * TICK_S, atol=1e-14)
+    np.testing.assert_allclose(np.diff(angle), velocity[1:] * CLOCK.tick_s, atol=1e-14)
 
 
 def test_forces_belong_to_the_state_of_their_row(sway):
