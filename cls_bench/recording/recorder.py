@@ -6,6 +6,7 @@ import queue
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Protocol, Self
@@ -19,7 +20,7 @@ from cls_bench.signals import Block, Topic
 QUEUE_BLOCKS = 2
 """Blocks that may wait to be encoded; then :meth:`Recorder.write` waits too, so that memory does not grow."""
 
-VIEW_QUEUE_BLOCKS = 10
+VIEW_QUEUE_BLOCKS = 5
 """Blocks that may wait for the .rrd: a while longer, so that it does not hold up the recording of record."""
 
 STALL_S = 15.0
@@ -45,8 +46,8 @@ class Recorder:
 
     The compiled simulation releases the interpreter, so encoding costs it nothing while a second core is free. When the
     .mcap cannot be written, the next :meth:`write` or :meth:`flush` raises :class:`OutputError`. The .rrd is a view of
-    it: when that fails the run goes on, and :meth:`finish` raises when the .mcap is complete. What was written until
-    then stays readable.
+    it: it is given what the .mcap holds, so that it takes no room on a disk that the .mcap needs. When it fails the run
+    goes on, and :meth:`finish` raises when the .mcap is complete. What was written until then stays readable.
 
     As a context manager it finishes the files on leaving, if :meth:`finish` was not called: as ``"complete"``, or as
     ``"interrupted"`` when an exception (Ctrl-C) passes through. ``topics`` and ``poses`` as for :class:`McapRecorder`.
@@ -76,21 +77,25 @@ class Recorder:
             raise
         self._clock = info.clock
         self._mcap = _Lane(self.mcap_path, mcap, QUEUE_BLOCKS)
-        self._lanes = [self._mcap]
+        self._views: list[_Lane] = []
         if self.rrd_path is not None:
-            self._lanes.append(_Lane(self.rrd_path, rrd, VIEW_QUEUE_BLOCKS, patience=STALL_S))
+            self._views.append(_Lane(self.rrd_path, rrd, VIEW_QUEUE_BLOCKS, patience=STALL_S))
 
     @property
     def written_s(self) -> float:
         """Simulated time [s] up to which the files hold the run, whatever becomes of this process."""
-        written = min(lane.written_ticks for lane in self._lanes if lane is self._mcap or lane.error is None)
-        return self._clock.time(written)
+        views = [view.written_ticks for view in self._views if view.error is None]
+        return self._clock.time(min([self._mcap.written_ticks, *views]))
 
     def write(self, block: Block) -> None:
         """Hand over ``block``; waits while others are waiting. Raises :class:`OutputError`."""
         self._mcap.check()
-        for lane in self._lanes:
-            lane.put(lambda writer: writer.write(block))
+        self._mcap.put(partial(self._take, block))
+
+    def _take(self, block: Block, mcap: _Writer) -> None:
+        mcap.write(block)
+        for view in self._views:
+            view.put(lambda writer: writer.write(block))
 
     def flush(self) -> None:
         """Wait until the .mcap holds all that was handed over. Raises :class:`OutputError`."""
@@ -107,11 +112,11 @@ class Recorder:
         the first was interrupted while waiting.
         """
         end, found = now(), checks or {}
-        for lane in self._lanes:
+        lanes = [self._mcap, *self._views]
+        for lane in lanes:  # the .mcap has handed on all that it was given once it has ended
             lane.end(lambda writer: writer.finish(status, end, verdict=verdict, checks=found))
-        for lane in self._lanes:
             lane.join()
-        errors = [lane.error for lane in self._lanes if lane.error is not None]
+        errors = [lane.error for lane in lanes if lane.error is not None]
         if len(errors) > 1 and all(isinstance(error, OutputError) for error in errors):
             raise OutputError("; ".join(map(str, errors)))
         if errors == [self._mcap.error]:
