@@ -251,8 +251,8 @@ class Bench:
         self.parameters_of[axis.name] = parameters
         plant_model.set_weights(self.model, axis.name, parameters)
         self._bound = tick.bound(self.parameters_of.values())
-        woken = [{**sensors.woken(p), **plc.woken(p.plc)} for p in self.parameters_of.values()]
-        self._chances = [[each[source] for each in woken] for source in sensors.UNIFORM]
+        woken = [{**sensors.woken(p), **plc.woken(p.plc, p.feel)} for p in self.parameters_of.values()]
+        self._chances = [[each[source] for each in woken] for source in (*sensors.UNIFORM, *sensors.TURBULENCE)]
 
     def _named(self, name: str) -> Axis:
         for axis in self.axes:
@@ -476,7 +476,10 @@ class _Streams:
             return np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, name])))
 
         self._normal = [[stream(axis, source) for axis in axes] for source in sensors.NORMAL]
-        self._uniform = [[stream(axis, source) for axis in axes] for source in sensors.UNIFORM]
+        self._woken: list[list[Any]] = [
+            *([stream(axis, source).random for axis in axes] for source in sensors.UNIFORM),
+            *([stream(axis, source).standard_normal for axis in axes] for source in sensors.TURBULENCE),
+        ]
         self._pool = [np.zeros((0, len(axes))) for _ in sensors.NORMAL]
         self._at = 0
         self._none = np.zeros((0, len(axes)))
@@ -492,12 +495,12 @@ class _Streams:
             self._at = 0
         normal = [pool[self._at : self._at + ticks] for pool in self._pool]
         self._at += ticks
-        uniform = [
-            np.stack([s.random(ticks) if w else np.ones(ticks) for s, w in zip(streams, wanted, strict=True)], axis=1)
+        woken = [
+            np.stack([draw(ticks) if w else np.ones(ticks) for draw, w in zip(draws, wanted, strict=True)], axis=1)
             if any(wanted) else self._none
-            for streams, wanted in zip(self._uniform, chances, strict=True)
+            for draws, wanted in zip(self._woken, chances, strict=True)
         ]  # fmt: skip
-        return sensors.Noise(*normal, *uniform)
+        return sensors.Noise(*normal, *woken)
 
 
 _POOL = 4000

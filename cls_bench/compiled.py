@@ -22,7 +22,7 @@ import pickle
 import sys
 import tempfile
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from functools import cache
 from importlib.machinery import SourceFileLoader
@@ -48,10 +48,10 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 _PACKAGE = Path(__file__).parent
 
-SOURCES = ("control/*.py", "plant/*.py", "kinematics.py", "tick.py")
+SOURCES = ("control/*.py", "feel/*.py", "feel/elements/*.py", "plant/*.py", "kinematics.py", "tick.py")
 """Where the loop's functions stand: of these files those that mark one as :func:`compiled`."""
 
-CONSTANTS = ("compiled.py", "parameters/quantity.py")
+CONSTANTS = ("compiled.py", "feel/model.py", "quantity.py")
 """Other files that such functions take a constant from; a test compares both lists with what they use.
 
 How a record is laid out (parameters, signals) is part of a function's signature, and so of each entry's name.
@@ -257,6 +257,23 @@ def compiled(function: F) -> F:
     if JIT and known:
         made._cache = _Cache(function, path)
     return cast(F, made)
+
+
+def in_turn(functions: Sequence[Callable[..., None]]) -> Callable[..., None]:
+    """One compiled function that calls all of ``functions``, compiled and of equal arguments, one after the other."""
+    first, *others = functions
+    if not others:
+        return first
+    rest = in_turn(others)
+
+    def both(*args: Any) -> None:
+        first(*args)
+        rest(*args)
+
+    # What is kept of it on the disk goes by its name.
+    names = (f"{f.__module__.rpartition('.')[2]}.{f.__qualname__}" for f in functions)
+    both.__qualname__ = "in_turn-" + hashlib.sha256(" ".join(names).encode()).hexdigest()[:16]
+    return compiled(both)
 
 
 _ASKED = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64)

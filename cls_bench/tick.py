@@ -150,6 +150,8 @@ def _control(
     lost = due.bus and _is_lost(control.parameters.plc, noise.feedback_frame, axis.limits, row, a, cycles)
     controller.measure(control, samples, lost, tick, cycles, due)
     if due.plc:
+        if control.parameters.feel.gust.torque > 0.0:
+            control.state.feel.gust.white = noise.gust[row, a]
         if control.state.external != 0 and controller.is_on(control.state) and call(ask, number) != 0:
             return False
         controller.task(control, samples, watched, a, tick)

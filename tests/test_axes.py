@@ -25,7 +25,7 @@ def rig(name, **values):
 
 AXES = {
     "pitch": rig("thesis", load_cell__spike_rate=200.0, load_cell__spike=4.0),
-    "roll": rig("one_stage", plc__frame_loss=0.05, feel__shaker_torque=1.0),
+    "roll": rig("one_stage", plc__frame_loss=0.05, feel__shaker__torque=1.0),
     "yaw": rig("direct_drive"),
     "tab": rig("rudder"),
 }

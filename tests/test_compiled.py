@@ -105,7 +105,7 @@ COMPILING = [path for path in sorted(PACKAGE.rglob("*.py")) if module(path).mark
 def test_the_sources_are_read_right():
     """What the analysis must see: functions, constants by name and by module, and those that a package hands on."""
     found = {path.relative_to(PACKAGE).as_posix() for path in needed(PACKAGE / "tick.py")}
-    assert {"compiled.py", "control/plc.py", "control/feel.py", "kinematics.py", "parameters/quantity.py"} <= found
+    assert {"compiled.py", "control/plc.py", "control/feel.py", "kinematics.py", "quantity.py"} <= found
     assert not found & {"parameters/__init__.py", "plant/mjcf.py", "plant/shapes.py", "plant/model.py", "hand.py"}
     assert sum(len(module(PACKAGE / file).marked) for file in ("tick.py", "control/controller.py")) > 15
 
@@ -163,7 +163,7 @@ def _key() -> str:
     ("parameters/plant.py", "4.0e-5", "4.1e-5"),
     ("parameters/control.py", "assumed: tuned", "assumed: tuned by hand"),
     ("parameters/feel.py", "I_fcs", "I_f"),
-    ("parameters/quantity.py", "Standard gravity", "Gravity"),
+    ("quantity.py", "Standard gravity", "Gravity"),
     ("plant/mjcf.py", "import ", "import  "),
     ("plant/shapes.py", "0.0", "0.1"),
     ("plant/model.py", "1e-6", "1e-5"),
@@ -183,7 +183,7 @@ def test_what_is_not_compiled_changes_no_key(copied, file, old, new):
     ("plant/motor.py", "return 0.0", "return 1.0"),
     ("plant/play.py", "@compiled", "@compiled\n@compiled"),
     ("kinematics.py", "0.5", "0.6"),
-    ("parameters/quantity.py", "9.80665", "9.81"),
+    ("quantity.py", "9.80665", "9.81"),
     ("compiled.py", 'error_model="numpy"', 'error_model="python"'),
     ("tick.py", "BOUND = 1.0e4", "BOUND = 1.0e5"),
 ])  # fmt: skip

@@ -23,9 +23,9 @@ title = "all elements at work"
 duration = 0.2
 seed = 5
 [parameters.feel]
-shaker_torque = 1.0
-centering_stiffness = 50.0
-centering_breakout = 1.0
+shaker.torque = 1.0
+centering.stiffness = 50.0
+centering.breakout = 1.0
 [parameters.motor]
 cogging_amplitude = 0.01
 [parameters.drive]

@@ -29,7 +29,7 @@ def spring_torque(feel: Feel, angle: float) -> float:
     """Torque [N·m] of the model's springs at ``angle`` [rad]: stiffness, centering unit, travel limits."""
     offset = angle - feel.neutral
     torque = feel.stiffness * offset
-    torque += float(np.clip(feel.centering_stiffness * offset, -feel.centering_breakout, feel.centering_breakout))
+    torque += float(np.clip(feel.centering.stiffness * offset, -feel.centering.breakout, feel.centering.breakout))
     for limit in (feel.aft_limit, feel.forward_limit):
         torque += limit.stiffness * float(np.sign(angle)) * max(abs(angle) - limit.angle, 0.0)
     return torque
@@ -52,7 +52,7 @@ def expected_response(p: Parameters, angle: float, times: Array) -> Array:
     feel = p.feel
     inertia = feel.inertia + forward_inertia(p)
     friction = feel.friction + p.column.coulomb_friction
-    external = feel.autopilot_torque + feel.disturbance_torque
+    external = feel.autopilot.torque + feel.disturbance.torque
     result = np.full_like(times, angle)
     now, x = 0.0, angle
     while now < times[-1]:

@@ -79,7 +79,8 @@ def task(control: Any, samples: Any, watched: Watched, a: int, tick: int) -> Non
     mode, s = state.servo.mode, state.plc
     if is_on(state):
         if state.external == 0 and mode != servo.TORQUE:
-            plc.admittance(p, mode == servo.VELOCITY, s, state.feel, tick * design.tick, design.plc_cycle)
+            time = tick * design.tick
+            plc.admittance(p, mode == servo.VELOCITY, s, state.feel, control.piece, time, design.plc_cycle)
         plc.supervise(p, samples, mode == servo.POSITION, s)
         if s.trip != plc.NO_TRIP:
             _trip(state, tick, s.trip)
@@ -89,7 +90,7 @@ def task(control: Any, samples: Any, watched: Watched, a: int, tick: int) -> Non
         else:  # a parameter that trips again at every switching on
             validity.clear(watched.words[a], watched.state)
     if not is_on(state) or (mode == servo.TORQUE and state.external == 0):
-        plc.follow(s, state.feel)
+        plc.follow(p, s, state.feel)
     plc.command(p, design, s)
 
 

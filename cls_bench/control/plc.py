@@ -6,10 +6,11 @@ from typing import Any
 import numpy as np
 
 from cls_bench.compiled import compiled
-from cls_bench.control import feel, latch
+from cls_bench.control import latch
 from cls_bench.control.kinematic_chain import column_from_motor, motor_from_column
+from cls_bench.feel import solver
 from cls_bench.kinematics import polynomial
-from cls_bench.parameters import Plc
+from cls_bench.parameters import Feel, Plc
 
 COMMAND_POSITION, COMMAND_VELOCITY, COMMAND_ACCELERATION, COMMAND_TORQUE = range(4)
 """Slots of a command frame: PLCopen units, units/s, units/s², N·m at the motor."""
@@ -52,10 +53,10 @@ STATE = np.dtype(
 )
 
 
-def woken(p: Plc) -> dict[str, bool]:
-    """Which sources of chance the field bus depends on with these parameters."""
+def woken(p: Plc, f: Feel) -> dict[str, bool]:
+    """Which sources of chance field bus and feel model depend on with these parameters."""
     lossy = p.frame_loss > 0.0
-    return {"command_frame": lossy, "feedback_frame": lossy}
+    return {"command_frame": lossy, "feedback_frame": lossy, "gust": f.gust.torque > 0.0}
 
 
 @compiled
@@ -91,27 +92,26 @@ def supervise(p: Any, samples: Any, position_mode: bool, state: Any) -> None:
 
 
 @compiled
-def follow(state: Any, model: Any) -> None:
+def follow(p: Any, state: Any, model: Any) -> None:
     """While the drive does not obey, set value and feel model follow the column: switching it on makes no jump."""
-    model.angle, model.velocity, model.acceleration = state.angle, state.velocity, 0.0
-    model.torque = state.torque
+    solver.follow(p.feel, model, state.angle, state.velocity, state.torque)
     state.set_angle, state.set_velocity = state.angle, state.velocity
     state.set_acceleration, state.set_torque = 0.0, 0.0
 
 
 @compiled
-def admittance(p: Any, velocity_mode: bool, state: Any, model: Any, time: float, cycle: float) -> None:
-    """The built-in outer loop: the feel model answers to the pilot's torque and the additional ones (thesis 3.5.2).
+def admittance(
+    p: Any, velocity_mode: bool, state: Any, model: Any, piece: Any, time: float, cycle: float
+) -> None:
+    """The built-in outer loop: the feel model answers to the pilot's torque and its own (thesis 3.5); ``piece`` is the
+    solver's working memory.
 
     Position loop: angle, velocity and acceleration of the model are the set values. Velocity loop (Eq. 3.8), where
     the drive is in velocity mode: the model's springs act on the measured angle, its velocity is the set value.
     """
-    f = p.feel
-    shaker = f.shaker_torque * math.sin(2.0 * math.pi * f.shaker_frequency * time)
-    torque = state.torque + f.autopilot_torque + f.disturbance_torque + shaker
     if velocity_mode:
         model.angle = state.angle
-    feel.step(f, model, torque, cycle)
+    solver.step(p.feel, model, piece, state.torque, time, cycle)
     state.set_angle = model.angle
     state.set_velocity = model.velocity
     state.set_acceleration = model.acceleration

@@ -4,8 +4,10 @@ from typing import Any
 
 import numpy as np
 
-from cls_bench.control import feel, latch, plc, servo
+from cls_bench.control import latch, plc, servo
 from cls_bench.control.tuning import GAINS, design
+from cls_bench.feel.element import PIECE
+from cls_bench.feel.model import STATE as FEEL
 from cls_bench.kinematics import fit_polynomials
 from cls_bench.parameters import CONTROL, ControlParameters, kind_of
 
@@ -31,7 +33,7 @@ DESIGN = np.dtype(
 STATE = np.dtype(
     [
         ("plc", plc.STATE),
-        ("feel", feel.STATE),
+        ("feel", FEEL),
         ("servo", servo.STATE),
         # commands: field bus, PLC → drive; feedback: drive → PLC; voltages: current controller → power stage
         *((name, np.float64, (latch.DEPTH, len(slots))) for name, slots in plc.SLOTS.items()),
@@ -50,6 +52,7 @@ CONTROLLER = np.dtype(
         ("parameters", [(name, kind_of(_SECTIONS[name])) for name in CONTROL]),
         ("design", DESIGN),
         ("state", STATE),
+        ("piece", PIECE),  # working memory of the feel model
     ]
 )
 """Drive and PLC of one axis."""

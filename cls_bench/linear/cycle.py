@@ -65,7 +65,7 @@ def _low_pass(time: float, cycle: float) -> float:
 
 def _spring(feel: Feel) -> float:
     """Stiffness of the feel model about neutral [N·m/rad]; inside its breakout the centering unit adds its own."""
-    centering = feel.centering_stiffness if feel.centering_breakout > 0 else 0.0
+    centering = feel.centering.stiffness if feel.centering.breakout > 0 else 0.0
     return feel.stiffness + centering
 
 

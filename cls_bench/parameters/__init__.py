@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from pydantic import model_validator
 
+from cls_bench.feel.elements.travel_limit import TravelLimit
+from cls_bench.feel.model import Feel
 from cls_bench.kinematics import FourBar, crank_from_column, crank_ratio, fit_polynomials, polynomial
 from cls_bench.parameters.control import Drive, Nameplate, Plc
-from cls_bench.parameters.feel import Feel, TravelLimit
 from cls_bench.parameters.nameplate import nameplate_of
 from cls_bench.parameters.plant import (
     Column,
@@ -24,9 +25,9 @@ from cls_bench.parameters.plant import (
     Potentiometer,
     mesh_efficiency,
 )
-from cls_bench.parameters.quantity import ARCMIN, DEG, GRAVITY, RPM, Section, leaves
 from cls_bench.parameters.rates import Rates, Simulation
 from cls_bench.parameters.record import kind_of, memory_of, record_of
+from cls_bench.quantity import ARCMIN, DEG, GRAVITY, RPM, Section, leaves
 from cls_bench.signals import MOST_STAGES
 
 __all__ = [

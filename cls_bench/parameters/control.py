@@ -7,7 +7,7 @@ from pydantic import model_validator
 
 from cls_bench.kinematics import FourBar
 from cls_bench.parameters.bars import Levers, four_bar_of, levers_of
-from cls_bench.parameters.quantity import RPM, WIDEST, Section, quantity
+from cls_bench.quantity import RPM, WIDEST, Section, quantity
 
 _FOLLOWS = "follows from the data sheets: {}"
 

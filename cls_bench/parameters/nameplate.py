@@ -4,7 +4,7 @@ import math
 
 from cls_bench.parameters.control import Nameplate
 from cls_bench.parameters.plant import Column, Gearbox, Linkage, LoadCell, Motor
-from cls_bench.parameters.quantity import GRAVITY
+from cls_bench.quantity import GRAVITY
 
 
 def nameplate_of(

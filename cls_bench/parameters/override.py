@@ -10,12 +10,20 @@ from pydantic import ValidationError
 
 from cls_bench.input.faults import FaultError, listed, nearest, problem_of, shown
 from cls_bench.parameters import Parameters, Section, leaves
-from cls_bench.parameters.quantity import constraints
+from cls_bench.quantity import constraints
 
 _OF_A_FOUR_BAR = tuple(
     f"linkage.{name}"
     for name in ("crank", "rod", "crank_angle", "rod_angle", "rod_crank_mass", "rod_column_mass", "rod_end_mass")
 )
+
+
+RENAMED = {
+    "feel.centering_stiffness": "feel.centering.stiffness", "feel.centering_breakout": "feel.centering.breakout",
+    "feel.shaker_torque": "feel.shaker.torque", "feel.shaker_frequency": "feel.shaker.frequency",
+    "feel.autopilot_torque": "feel.autopilot.torque", "feel.disturbance_torque": "feel.disturbance.torque",
+}  # fmt: skip
+"""Parameters that had another name in earlier versions."""
 
 
 @cache
@@ -82,6 +90,8 @@ def override(parameters: Parameters, table: Mapping[str, Any], *, live_only: boo
     known, merged, changed = known_keys(), parameters.model_dump(), []
     for key, value in flat(table):
         *parents, last = key.split(".")
+        if key in RENAMED:
+            raise FaultError(key, f"is called {RENAMED[key]} now")
         if key not in known:
             below = [name for name in known if name.startswith(f"{key}.")]
             if below:

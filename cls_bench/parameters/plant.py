@@ -8,7 +8,7 @@ from pydantic import model_validator
 
 from cls_bench.kinematics import FourBar
 from cls_bench.parameters.bars import Levers, four_bar_of, levers_of
-from cls_bench.parameters.quantity import ARCMIN, DEG, GRAVITY, WIDEST, Section, part, quantity
+from cls_bench.quantity import ARCMIN, DEG, GRAVITY, WIDEST, Section, part, quantity
 from cls_bench.signals import MOST_STAGES
 
 

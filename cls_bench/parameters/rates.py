@@ -4,7 +4,7 @@ from typing import Any
 
 from pydantic import model_validator
 
-from cls_bench.parameters.quantity import Section, quantity
+from cls_bench.quantity import Section, quantity
 from cls_bench.signals import LONGEST_CYCLE, LONGEST_TICK, MOST_TICKS, SHORTEST_TICK, Clock
 
 _CYCLE: dict[str, Any] = {"ge": SHORTEST_TICK, "le": LONGEST_CYCLE}

@@ -27,6 +27,9 @@ NORMAL = ("encoder", "load_cell", "potentiometer")
 UNIFORM = ("spike", "command_frame", "feedback_frame")
 """Sources of chance, uniform in [0, 1); drawn only while something depends on them."""
 
+TURBULENCE = ("gust",)
+"""Sources of normal noise that are drawn only while something depends on them."""
+
 
 def woken(p: Parameters) -> dict[str, bool]:
     """Which sources of chance the sensors depend on with these parameters."""
@@ -34,7 +37,7 @@ def woken(p: Parameters) -> dict[str, bool]:
 
 
 class Noise(NamedTuple):
-    """The random numbers of a block, (ticks, axes) each; those of :data:`UNIFORM` may be empty."""
+    """The random numbers of a block, (ticks, axes) each; of :data:`UNIFORM`, :data:`TURBULENCE` they may be empty."""
 
     encoder: NDArray[np.float64]
     load_cell: NDArray[np.float64]
@@ -42,6 +45,7 @@ class Noise(NamedTuple):
     spike: NDArray[np.float64]
     command_frame: NDArray[np.float64]
     feedback_frame: NDArray[np.float64]
+    gust: NDArray[np.float64]
 
 
 _SUPPLY_BROKEN, _SIGNAL_BROKEN = 1, 2  # places among the choices of load_cell.wire

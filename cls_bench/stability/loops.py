@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from cls_bench.control import feel, plc
+from cls_bench.control import plc
 from cls_bench.control.outer_loop import Command, Inputs, OuterLoop
+from cls_bench.feel.element import PIECE
+from cls_bench.feel.model import STATE
 from cls_bench.linear.cycle import Compensation
 from cls_bench.parameters import ControlParameters, record_of
 
@@ -23,14 +25,15 @@ class BuiltIn:
         self._record = record_of(parameters)
         self._velocity = parameters.plc.outer_loop == "velocity"
         self._cycle = parameters.rates.clock.plc_s
-        self._feel: Any = np.zeros(1, dtype=feel.STATE).view(np.recarray)[0]
+        self._feel: Any = np.zeros(1, dtype=STATE).view(np.recarray)[0]
+        self._piece: Any = np.zeros(1, dtype=PIECE).view(np.recarray)[0]
         self._plc: Any = np.zeros(1, dtype=plc.STATE).view(np.recarray)[0]
 
     def step(self, inputs: Inputs) -> Command:
         """One PLC cycle of the feel model."""
         s = self._plc
         s.torque, s.angle, s.velocity = inputs.torque, inputs.angle, inputs.velocity
-        plc.admittance(self._record, self._velocity, s, self._feel, inputs.time, self._cycle)
+        plc.admittance(self._record, self._velocity, s, self._feel, self._piece, inputs.time, self._cycle)
         return Command(float(s.set_angle), float(s.set_velocity), float(s.set_acceleration))
 
 

@@ -150,7 +150,7 @@ def script(setup: Setup, standard: Standard, *, pulse: bool = True) -> Script:
             parts.append(Part(_MOTION_AT, ramp(-end, end, over)))
     changes = []
     if pulse:
-        before, torque = setup.parameters.feel.disturbance_torque, standard.pulse * setup.parameters.feel.inertia
+        before, torque = setup.parameters.feel.disturbance.torque, standard.pulse * setup.parameters.feel.inertia
         start, end = standard.pulse_at, standard.pulse_at + standard.pulse_time
         changes = [Change(start, _disturbed(before + torque)), Change(end, _disturbed(before))]
     return Script(hand, standard.duration, parts, changes)
@@ -158,7 +158,8 @@ def script(setup: Setup, standard: Standard, *, pulse: bool = True) -> Script:
 
 def _disturbed(torque: float) -> Callable[[Bench], None]:
     def make(bench: Bench) -> None:
-        feel = bench.parameters.feel.model_copy(update={"disturbance_torque": torque})
+        feel = bench.parameters.feel
+        feel = feel.model_copy(update={"disturbance": feel.disturbance.model_copy(update={"torque": torque})})
         bench.change(bench.parameters.model_copy(update={"feel": feel}))
 
     return make

@@ -82,8 +82,8 @@ def _growth(p: Parameters) -> complex:
     scenario = Scenario(
         title="tap", duration=0.8, hand=[Hold(at=0.0, angle_deg=0.0)], squeeze=[Squeeze(at=0.0, value=1.0)],
         changes=[
-            Change(at=0.05, parameters={"feel.disturbance_torque": tap}),
-            Change(at=0.06, parameters={"feel.disturbance_torque": 0.0}),
+            Change(at=0.05, parameters={"feel.disturbance.torque": tap}),
+            Change(at=0.06, parameters={"feel.disturbance.torque": 0.0}),
         ],
     )  # fmt: skip
     blocks = scripted.run(Bench(p), scenario.on(p))

@@ -11,7 +11,7 @@ from cls_bench.bench import Bench
 from cls_bench.drivers import scripted
 from cls_bench.errors import InputError
 from cls_bench.parameters import ARCMIN, PLANT, Column, Gearbox, Parameters, Section
-from cls_bench.parameters.quantity import constraints
+from cls_bench.quantity import constraints
 from cls_bench.scenario import Release, Scenario, Squeeze, Step
 from cls_bench.verification.row import Row
 from cls_bench.verification.subject import Subject

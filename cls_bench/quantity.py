@@ -6,10 +6,11 @@ values. "assumed" as a source always says why. Parameters marked *live* may chan
 """
 
 import math
+import operator
 from collections.abc import Iterator, Mapping
-from typing import Any, Literal, get_args, get_origin
+from typing import Annotated, Any, Literal, get_args, get_origin
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 from pydantic.config import JsonDict
 from pydantic.fields import FieldInfo
 
@@ -36,6 +37,32 @@ def quantity(default: Any, unit: str, meaning: str, source: str, *, live: bool =
     if isinstance(default, float) or (default is ... and bounds):
         bounds["allow_inf_nan"] = False
     return Field(default=default, description=meaning, json_schema_extra=extra, **bounds)
+
+
+def _as_tuple(value: Any) -> Any:
+    return tuple(value) if isinstance(value, list) else value
+
+
+Table = Annotated[tuple[float, ...], BeforeValidator(_as_tuple)]
+"""A parameter that is a list of numbers."""
+
+
+def table(unit: str, meaning: str, source: str, most: int, *, live: bool = False, **bounds: float) -> Any:
+    """Declare a parameter that is a list of up to ``most`` numbers, none by default; ``bounds`` hold for each."""
+    each: JsonDict = {**bounds}
+    extra: JsonDict = {"unit": unit, "source": source, "live": live, "most": most, "each": each}
+    return Field(default=(), description=meaning, json_schema_extra=extra, max_length=most)
+
+
+def check_each(info: FieldInfo, values: tuple[float, ...]) -> None:
+    """Raise ValueError unless every number of a table is finite and within its bounds."""
+    extra: Any = info.json_schema_extra
+    for value in values:
+        if not math.isfinite(value) or not all(_HOLDS[key](value, bound) for key, bound in extra["each"].items()):
+            raise ValueError(f"{value:g} is not valid; every value must be {_bounds(extra['each'])}")
+
+
+_HOLDS = {"gt": operator.gt, "ge": operator.ge, "lt": operator.lt, "le": operator.le}
 
 
 def part(default: Any, meaning: str, **sources: str) -> Any:
@@ -77,4 +104,11 @@ def _valid(info: FieldInfo) -> str:
     """What values a parameter may have, in words; empty if any of its type."""
     if get_origin(info.annotation) is Literal:
         return ", ".join(get_args(info.annotation))
-    return ", ".join(f"{_SIGNS[key]} {bound:.6g}" for key, bound in constraints(info).items())
+    extra: Any = info.json_schema_extra
+    if "each" in extra:
+        return f"up to {extra['most']} numbers, each {_bounds(extra['each'])}"
+    return _bounds(constraints(info))
+
+
+def _bounds(declared: Mapping[str, float]) -> str:
+    return ", ".join(f"{_SIGNS[key]} {bound:.6g}" for key, bound in declared.items())

@@ -1,0 +1,46 @@
+"""Stick shaker: a rotating unbalanced mass on the column, T_sw of thesis 3.5.2, with ramp and duty."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from cls_bench.compiled import compiled
+from cls_bench.feel.element import COLUMN, Element, push
+from cls_bench.quantity import quantity
+
+
+@compiled
+def _each_cycle(feel: Any, state: Any, time: float, cycle: float) -> None:
+    k, s = feel.shaker, state.shaker
+    wanted = k.torque
+    if k.duty < 1.0 and time % k.period >= k.duty * k.period:
+        wanted = 0.0
+    if k.ramp > 0.0:
+        step = k.torque / k.ramp * cycle if k.torque > 0.0 else s.fall * cycle
+        s.level += min(max(wanted - s.level, -step), step)
+        if k.torque > 0.0:
+            s.fall = k.torque / k.ramp
+    else:
+        s.level = wanted
+    if s.level > 0.0:
+        push(state, COLUMN, s.level * math.sin(2.0 * math.pi * k.frequency * time))
+
+
+class StickShaker(Element):
+    """T = level · sin(2π f t); the level follows ``torque`` while the shaker is on."""
+
+    torque: float = quantity(0.0, "N·m", "amplitude; 0 is off", "thesis 3.5.2", ge=0, le=1e3, live=True)
+    frequency: float = quantity(
+        20.0, "Hz", "frequency", "assumed: usual for stick shakers, 10 to 30; no published figure was found",
+        ge=0.1, lt=1000, live=True,
+    )
+    ramp: float = quantity(0.0, "s", "time from rest to the full amplitude, and back", "assumed: at once", ge=0, le=100,
+                           live=True)  # fmt: skip
+    duty: float = quantity(1.0, "1", "share of each period in which it shakes; 1 is without pause",
+                           "assumed: without pause", ge=0, le=1, live=True)  # fmt: skip
+    period: float = quantity(1.0, "s", "time from one burst to the next", "assumed: a burst a second", ge=0.01, le=100,
+                             live=True)  # fmt: skip
+
+    remembers = (("level", np.float64), ("fall", np.float64))
+    each_cycle = staticmethod(_each_cycle)
