@@ -14,7 +14,7 @@ from cls_bench.analysis import free_response, metrics
 from cls_bench.errors import InputError
 from cls_bench.parameters import DEG, Gearbox
 from cls_bench.report.recorded_run import RecordedRun, Span
-from cls_bench.report.style import COLOR, legend, new_figure, new_pair, room_above, thin, thin_path
+from cls_bench.report.style import COLOR, legend, new_figure, new_pair, room_above, thin, thin_path, torque_axes
 from cls_bench.text import printable
 
 Array = NDArray[np.float64]
@@ -109,15 +109,7 @@ def _power_look(run: RecordedRun, span: Span) -> tuple[str, str]:
 
 
 def _torque_axes(ax: Axes, run: RecordedRun) -> None:
-    ax.set_xlabel("column angle φ [°]")
-    ax.set_ylabel("torque T_meas [N·m]")
-    height = run.scenario.parameters_at_start().column.grip_height
-
-    scales: tuple[Any, Any] = (lambda torque: torque / height, lambda force: force * height)
-    side = ax.secondary_yaxis("right", functions=scales)
-    side.set_ylabel("as a force at the grip [N]", color=COLOR["ink"])
-    side.tick_params(color=COLOR["muted"], labelcolor=COLOR["ink"])
-    side.spines["right"].set_color(COLOR["muted"])
+    torque_axes(ax, run.scenario.parameters_at_start().column.grip_height, "torque T_meas [N·m]")
 
 
 # --- feel model: static sweep and free response ----------------------------------------------------------------------
