@@ -28,12 +28,14 @@ SHOWN = 4
               help="Sweep to either side.  [default: a little beyond the travel limits]")  # fmt: skip
 @click.option("--release-deg", type=FiniteRange(-170, 170), metavar="DEG",
               help="Where the column is let go.  [default: half the way to the nearest limit]")  # fmt: skip
+@click.option("--angle-deg", "angles", type=FiniteRange(-170, 170), metavar="DEG", multiple=True,
+              help="Tell the torque at this angle; may be given again.  [default: nine over the sweep]")  # fmt: skip
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for the figure.  [default: recordings/feel-NAME]")
 @rig_option
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of tables.")
 def feel(
     name: str, overrides: tuple[str, ...], at: float, travel_deg: float | None, release_deg: float | None,
-    out: Path | None, rig: str | None, as_json: bool,
+    angles: tuple[float, ...], out: Path | None, rig: str | None, as_json: bool,
 ) -> None:  # fmt: skip
     """Draw what a scenario's feel model is like: torque over displacement, and its free response.
 
@@ -47,6 +49,7 @@ def feel(
     from cls_bench.parameters import DEG
     from cls_bench.report.feel_figure import feel_figure, felt, swing
     from cls_bench.report.style import save
+    from cls_bench.rigs import figures
     from cls_bench.scenario import load_scenario
 
     scenario = load_scenario(name, set=overrides, rig=rig)
@@ -58,7 +61,8 @@ def feel(
     except OSError as error:
         raise OutputError(f"cannot write {folder / 'feel'}: {error.strerror}") from None
     swung = swing(found)
-    rows = list(_rows(found, p.column.grip_height))
+    rows = _rows(found, angles)
+    measured = figures(p).measurable_force
     if as_json:
         print_json({
             "scenario": scenario.name, "at_s": at,
@@ -75,6 +79,8 @@ def feel(
         [(f"{a:+.3g}", *(f"{x:.3g}" for x in (t, b, t / p.column.grip_height, b / p.column.grip_height)))
          for a, t, b in rows],
     )  # fmt: skip
+    if float(abs(found.torque).max()) > measured * p.column.grip_height:
+        click.echo(f"the load cell of the rig {scenario.the_rig.name} ends at {measured:.0f} N at the grip")
     said = f"rests at {found.released[-1] / DEG:+.3g} deg"
     if math.isfinite(swung.crossing):
         said += f", passes it after {swung.crossing:.3g} s, overshoots by {100.0 * swung.overshoot:.2g} %"
@@ -85,8 +91,8 @@ def feel(
         click.echo(f"  {path}")
 
 
-def _rows(found: "Felt", height: float) -> "list[tuple[float, float, float]]":
-    """(angle [deg], torque going away from neutral, torque coming back) at some angles, aft to forward."""
+def _rows(found: "Felt", angles_deg: tuple[float, ...]) -> list[tuple[float, float, float]]:
+    """(angle [deg], torque going away from neutral, torque coming back) at those angles, or some over the sweep."""
     import numpy as np
 
     from cls_bench.parameters import DEG
@@ -97,8 +103,9 @@ def _rows(found: "Felt", height: float) -> "list[tuple[float, float, float]]":
     down = found.angle[aft][::-1], found.torque[aft][::-1]
     up = found.angle[forward], found.torque[forward]
     rows = []
-    for share in np.linspace(-1.0, 1.0, 2 * SHOWN + 1):
-        at = float(share * (found.angle.max() if share > 0 else -found.angle.min()))
+    shares = np.linspace(-1.0, 1.0, 2 * SHOWN + 1)
+    spread = [share * float(found.angle.max() if share > 0 else -found.angle.min()) for share in shares.tolist()]
+    for at in [angle * DEG for angle in angles_deg] or spread:
         rising, falling = float(np.interp(at, *up)), float(np.interp(at, *down))
         rows.append((at / DEG, rising if at >= 0 else falling, falling if at >= 0 else rising))
     return rows

@@ -60,6 +60,8 @@ def _of_axis(run: RecordedRun, left_out: list[str]) -> Iterator[Picture]:
         spans = run.spans(*names, signal=signal)
         if spans:
             yield from _drawn(draw, run, spans, left_out)
+    if any((check.signal or "").rpartition(".")[0].endswith("/surface") for check in run.scenario.checks):
+        yield from _drawn(lambda run, spans: [aft_side(run)], run, [], left_out)
     yield from _drawn(lambda run, spans: [overview(run)], run, [], left_out)
 
 
@@ -392,6 +394,46 @@ def mesh_orders(box: Gearbox) -> list[tuple[int, float]]:
             found.append((number, stage.teeth * passing * turns))
         turns /= stage.ratio
     return found
+
+
+# --- aft side --------------------------------------------------------------------------------------------------------
+
+
+def aft_side(run: RecordedRun) -> Picture:
+    """Where surface and trim are, and what pulls at the column from behind, over the whole run."""
+    w = run.whole
+    figure, (angle, torque) = new_figure(2, height=5.6, shares=(1, 1.1))
+    for signal, color, label, style in (
+        ("/surface.deflection", "third", "surface δ", "-"), ("/feel.angle", "model", "column (model)", "--"),
+        ("/surface.trim", "expected", "trim", ":"),
+    ):  # fmt: skip
+        x, y = thin(w.time, w[signal] / DEG)
+        angle.plot(x, y, style, color=COLOR[color], label=label)
+    angle.set_ylabel("angle [°]")
+    drawn = []
+    for signal, color, label, style in (
+        ("/column.torque", "pilot", "pilot", "-"), ("/surface.cable_torque", "measured", "linkage", "-"),
+        ("/surface.feel_torque", "model", "feel unit", "--"), ("/surface.autopilot_torque", "error", "autopilot", "-"),
+        ("/surface.hinge_moment", "third", "hinge moment at the surface", "--"),
+    ):  # fmt: skip
+        values = w[signal]
+        if np.any(values != 0.0):  # an element that is not there has no curve
+            x, y = thin(w.time, values)
+            torque.plot(x, y, style, color=COLOR[color], label=label)
+            drawn.append(label)
+    torque.set_ylabel("torque [N·m]")
+    torque.set_xlabel("time [s]")
+    for change in run.scenario.changes:
+        for ax in (angle, torque):
+            ax.axvline(change.at, color=COLOR["muted"], lw=0.8, ls=":")
+    legend(angle, columns=3, place="upper right")
+    legend(torque, columns=3, place="upper right")
+    room_above(angle, 0.15)
+    room_above(torque, 0.30)
+    figure.align_ylabels()
+    changes = "; dotted upright lines are the changes of the run" if run.scenario.changes else ""
+    caption = f"Angles of column, surface and trim, and the torques of {', '.join(drawn)}{changes}."
+    return Picture("aft_side", "Behind the column", caption, figure)
 
 
 # --- overview --------------------------------------------------------------------------------------------------------
