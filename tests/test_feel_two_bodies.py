@@ -34,7 +34,7 @@ def drawn(seed: int) -> tuple[list[tuple[int, Feel]], np.ndarray, int]:
         "aft.inertia": u(0.1, 0.6), "aft.damping": u(0.0, 3.0), "aft.friction": u(0.1, 1.5),
         "linkage.stiffness": u(300.0, 2000.0), "linkage.damping": u(0.0, 5.0), "linkage.backlash": u(0.002, 0.02),
         "linkage.pretension": u(0.5, 6.0), "linkage.override": u(8.0, 20.0),
-        "aft_limit.angle": u(0.02, 0.08), "aft_limit.back_angle": u(0.02, 0.08), "aft_limit.stiffness": u(300.0, 2000.0),
+        "aft_limit.angle": u(0.02, 0.08), "aft_limit.back_angle": u(0.02, 0.08), "aft_limit.stiffness": u(300.0, 2e3),
         "aft_limit.damping": u(0.0, 10.0), "forward_limit.angle": u(0.04, 0.12), "forward_limit.stiffness": 2500.0,
         "forward_limit.damping": u(0.0, 20.0), "bob_weight.torque": u(-1.0, 1.0), "down_spring.torque": u(-1.0, 1.0),
         "unbalance.gradient": u(-5.0, 5.0), "hydraulics.off_friction": u(0.1, 0.6), "hydraulics.off_damping": u(0, 3),

@@ -6,8 +6,8 @@ F is Coulomb's friction with stiction: a body at rest stays there while the othe
 static friction; in motion F = μ + (μ_static − μ) exp(−|φ̇| / v_stribeck).
 
 Between events (a spring's end, a stop reached or left, a clutch that slips, a reversal, a body that breaks away) the
-law is linear, but for a detent's sine and Stribeck's curve. There the motion is a power series in time: the coefficients
-follow from the law one from the other,
+law is linear, but for a detent's sine and Stribeck's curve. There the motion is a power series in time: the
+coefficients follow from the law one from the other,
 
     φ_{k+2} = (T [k = 0] − c φ_k − (k+1) d φ_{k+1} − …) / (I (k+1) (k+2)),
 
@@ -31,6 +31,7 @@ _REACH = 0.4
 
 _SOON = 1e-9
 """Shortest piece, as a share of what was left of the cycle: an event at hand does not stop time."""
+
 
 @compiled
 def _clear(feel: Any, state: Any, piece: Any) -> None:
@@ -89,21 +90,24 @@ def _net(piece: Any, i: int) -> float:
 def _choose(feel: Any, state: Any, piece: Any, last: int) -> None:
     """Find the piece, and for each body whether it moves, and whither; 0 is at rest."""
     piece.way[0], piece.way[1] = _sign(state.velocity), _sign(state.aft_velocity)
-    for attempt in range(2):
+    for attempt in range(3):
         _look(feel, state, piece)
-        if attempt == 1:
+        if attempt == 2:
             break
-        settled = True
+        caught = False
         for i in range(last + 1):
             if piece.held[i] != 0:
-                if piece.velocity[i] != 0.0:
-                    if i == 0:
-                        state.velocity = 0.0
-                    else:
-                        state.aft_velocity = 0.0
-                    settled = False
+                caught = caught or piece.velocity[i] != 0.0
                 piece.way[i] = 0.0
-            elif piece.velocity[i] == 0.0:
+                if i == 0:
+                    state.velocity = 0.0
+                else:
+                    state.aft_velocity = 0.0
+        if caught:  # what is jammed has stopped: what the other body feels of it is another thing now
+            continue
+        settled = True
+        for i in range(last + 1):
+            if piece.held[i] == 0 and piece.velocity[i] == 0.0:
                 net = _net(piece, i)
                 if abs(net) > piece.static[i]:
                     piece.way[i] = _sign(net)
@@ -347,7 +351,7 @@ def step(feel: Any, state: Any, piece: Any, torque: float, time: float, cycle: f
         if share == 1.0 and length == remaining:
             break
         remaining -= share * length
-        if remaining <= 0.0:
+        if not remaining > 0.0:  # nor for a number that is none, in which there are no events
             break
     if last == 1:
         state.seat_angle, state.seat_velocity = state.aft_angle, state.aft_velocity

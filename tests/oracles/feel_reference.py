@@ -1,8 +1,9 @@
 """The feel model once more, integrated in small steps: a reference that shares no law with ``cls_bench.feel``.
 
-Written from the equations (thesis 3.5.1, 3.5.2; the elements' docstrings), with the parameters read by their names. Time
-stepping after Moreau: angles at the middle of a step, torques there, velocities by them, friction set-valued: a body
-that comes to rest within a step is at rest after it, and leaves it when the other torques exceed its static friction.
+Written from the equations (thesis 3.5.1, 3.5.2; the elements' docstrings), with the parameters read by their names.
+Time stepping after Moreau: angles at the middle of a step, torques there, velocities by them, friction set-valued: a
+body that comes to rest within a step is at rest after it, and leaves it when the other torques exceed its static
+friction.
 Damping acts on the velocity at the middle of the step, by the acceleration of the step before. Nothing is solved and no
 event is sought, so the error falls with the step: at 0.2 µs it is far below what is asked (the tests print it).
 
