@@ -18,12 +18,12 @@ BEARING, BEARING_DAMPING = 0.05, 0.05
 """Of the column itself [N·m, N·m·s/rad]: in front of the load cell, so no feel model takes it away."""
 
 PLAY, STIFFNESS = 0.08 * DEG, 13e3
-"""What lies between the model and the column [rad, N·m/rad]: play, lag, and the least stiffness that the drive train has
-been seen to give, whatever a model asks for.
+"""What lies between the model and the column [rad, N·m/rad]: play, lag, and the least stiffness that the drive train
+has been seen to give, whatever a model asks for.
 """
 
 AIMS = {"jammed": 34.5, "override": 31.0}
-"""How far the arm aims [°]: as far as its own stiffness gives way. 5° against the jam are 79 N·m, near the cell's end."""
+"""How far the arm aims [°]: its own stiffness gives way. 5° against the jam are 79 N·m, near the load cell's end."""
 
 SPEED = 0.05
 """What damping adds in the reference's sweep [N·m]: some 0.05 rad/s on 0.7 N·m·s/rad."""
