@@ -27,12 +27,12 @@ class Reach(NamedTuple):
 
     @property
     def verdict(self) -> str:
-        """In a few words."""
+        """Whether the rig can give it for good, for a short time, or not: "lasting", "short", "too weak", "too far"."""
         if self.travel > self.room:
-            return "travel too short"
+            return "too far"
         if self.largest > min(self.measured, self.peak):
             return "too weak"
-        return "for good" if self.largest <= self.lasting else "for a short time"
+        return "lasting" if self.largest <= self.lasting else "short"
 
 
 def reach(setting: Setting, rig: Parameters) -> Reach:

@@ -45,6 +45,12 @@ class AircraftChoice(Strict):
         return aircraft, setting
 
 
+_VERDICTS = {
+    "short": "enough for a short time", "too weak": "too weak, give aircraft.force_scale",
+    "too far": "its travel is too short, give aircraft.angle_scale",
+}  # fmt: skip
+
+
 def put_on(setting: Setting, rig: Parameters) -> Parameters:
     """The rig's parameters with the aircraft's feel. Raises FaultError."""
     try:
@@ -64,11 +70,11 @@ def said_of(aircraft: Aircraft, setting: Setting, rig: Parameters) -> Iterator[s
         ]  # fmt: skip
         yield f"{name}: {' and '.join(parts)} ({setting.scale_reason})"
     can = reach(setting, rig)
-    if can.verdict != "for good":
+    if can.verdict != "lasting":
         yield (
             f"{name}: up to {can.largest:.0f} N at the grip and {can.travel:.3g}°; this rig holds {can.lasting:.0f} N "
             f"for good, measures {can.measured:.0f} N, pushes with {can.peak:.0f} N, and travels {can.room:.3g}°: "
-            f"{can.verdict}"
+            f"{_VERDICTS[can.verdict]}"
         )
     assumed = sum(number.is_assumed for number in setting.numbers.values())
     yield f"{name}: {assumed} of {len(setting.numbers)} numbers are assumed (`cls-bench aircraft {aircraft.name}`)"
