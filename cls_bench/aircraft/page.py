@@ -16,8 +16,8 @@ STARTS, ENDS = "<!-- aircraft: begin -->\n", "<!-- aircraft: end -->\n"
 def tables() -> str:
     """What there is with forces against reach, then what each is judged by, as Markdown."""
     lines = [
-        "| aircraft | control | condition | rig | force × | angle × | largest [N] | lasting [N] | measured [N] | reach |",
-        "|---|---|---|---|---|---|---|---|---|---|",
+        "| aircraft | control | condition | rig | force × | angle × | largest [N] | lasting [N] | measured [N] | reach "
+        "|\n|---|---|---|---|---|---|---|---|---|---|",
     ]
     bands = ["| control | band | limits on its rig | source |", "|---|---|---|---|"]
     for name in shipped_aircraft():
