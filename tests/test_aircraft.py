@@ -6,13 +6,15 @@ import re
 import shlex
 from pathlib import Path
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from cls_bench.aircraft import find_aircraft, load_aircraft, parse_aircraft, reach
+from cls_bench.aircraft import Setting, find_aircraft, load_aircraft, parse_aircraft, reach
 from cls_bench.aircraft.page import with_tables
 from cls_bench.aircraft.reach import largest_torque, spring_torque
 from cls_bench.aircraft.units import UNITS, Scale, angle_deg, at_grip
+from cls_bench.analysis.quasi_static import static_curve
 from cls_bench.cli import main
 from cls_bench.errors import InputError
 from cls_bench.parameters import Feel, Parameters
@@ -102,6 +104,44 @@ def test_a_scenarios_limits_are_the_files_bands_times_the_scale(name: str) -> No
         assert check.arguments == pytest.approx(limits.arguments, rel=1e-5)
         for found, wanted in ((check.min, limits.least), (check.max, limits.greatest)):
             assert found == (None if wanted is None else pytest.approx(wanted, rel=1e-5))
+
+
+SETTINGS = [
+    pytest.param(setting, id=f"{name}-{setting.axis}-{setting.condition}")
+    for name in SHIPPED
+    for setting in load_aircraft(name).settings
+]
+
+
+def on_paper(setting: Setting, at_deg: float, unloading: bool) -> float:
+    """Force at the grip of the feel model alone, led slowly past an angle; by the theory, without the bench [N]."""
+    rig = load_rig(setting.about.rig).parameters
+    feel, at = setting.on(rig).feel, math.radians(at_deg)
+    beyond = at * 1.1 if unloading else at
+    path = np.concatenate([np.linspace(0.0, beyond, 100), np.linspace(beyond, at, 20)])
+    return float(static_curve(feel, path)[-1]) / rig.column.grip_height
+
+
+@pytest.mark.parametrize("setting", SETTINGS)
+def test_every_band_of_a_force_or_friction_holds_on_paper(setting: Setting) -> None:
+    """Of the settings that no scenario runs too: the numbers fit their sources."""
+    for limits in setting.limits(load_rig(setting.about.rig).parameters):
+        if limits.metric not in ("grip_force", "grip_friction"):
+            continue
+        at = limits.arguments["at_deg"]
+        loading, unloading = on_paper(setting, at, False), on_paper(setting, at, True)
+        found = loading if limits.metric == "grip_force" else 0.5 * abs(loading - unloading)
+        assert (limits.least or -math.inf) < found < (limits.greatest or math.inf), limits.name
+
+
+@pytest.mark.parametrize("setting", SETTINGS)
+def test_the_largest_force_is_that_of_the_theory(setting: Setting) -> None:
+    feel = setting.on(load_rig(setting.about.rig).parameters).feel
+    if feel.jam.of == "aft" and not feel.linkage.override:
+        return  # the pilot decides
+    ends = [np.linspace(0.0, limit, 401) for limit in (feel.aft_limit.angle, -feel.aft_limit.back)]
+    greatest = max(float(np.max(np.abs(static_curve(feel, 0.999 * path)))) for path in ends)
+    assert largest_torque(feel) == pytest.approx(greatest, rel=0.02)
 
 
 def test_a_band_fails_a_feel_that_is_out_of_it(recorded: Runner) -> None:

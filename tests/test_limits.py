@@ -251,6 +251,8 @@ def spoil(bench: Bench, name: str, value: float, *, axis: int = 0) -> None:
         inner = inner[place]
     if places[0] in plc.SLOTS:
         inner[places[0]][:, plc.SLOTS[places[0]].index(places[-1])] = value
+    elif places[-1].isdigit():  # of a table
+        inner[int(places[-1]) - 1] = value
     else:
         inner[places[-1]] = value
 
@@ -283,7 +285,10 @@ def test_every_parameter_is_watched():
         words[watched.parameters[k]] = kept
     assert validity.first_invalid(words, watched.parameters) == -1
     own = {key: value for key, value, _ in leaves(Parameters()) if key.partition(".")[0] in CONTROL}
-    assert set(PARAMETERS) == {key for key, value in own.items() if isinstance(value, float)}
+    tables = {key: info["most"] for key, value, info in leaves(Parameters()) if isinstance(value, tuple)}
+    assert set(PARAMETERS) == {key for key, value in own.items() if isinstance(value, float)} | {
+        f"{key}.values.{k + 1}" for key, most in tables.items() for k in range(most)
+    }
 
 
 def test_all_that_the_controller_remembers_is_watched():

@@ -4,7 +4,7 @@ import ast
 import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, get_args, get_origin, get_type_hints
+from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 import mujoco
 import numpy as np
@@ -22,8 +22,12 @@ from cls_bench.plant import model as plant_model
 from cls_bench.plant.sensors import SAMPLES
 from tests.running import advanced, collected, parameters
 
-BASE = parameters({"gearbox.stages": 3})
-"""The thesis's rig with a third stage, so that every parameter means something."""
+BASE = parameters({
+    "gearbox.stages": 3,
+    "feel.detents": {"place": [0.1], "width": [0.05], "torque": [1.0], "profile": [-0.9, 0.1, 0.9]},
+    "feel.surface": {"control_angle": [-0.3, 0.3], "deflection": [-0.3, 0.4]},
+})  # fmt: skip
+"""The thesis's rig with a third stage, a detent and a gearing, so that every parameter means something."""
 
 KEYS = {key: value for key, value, _ in leaves(BASE)}
 OF_PLANT = [key for key in KEYS if key.partition(".")[0] in PLANT]
@@ -36,14 +40,16 @@ def candidates(key: str) -> Iterator[Any]:
     for name in key.split("."):
         kind: Any = section.model_fields[name].annotation
         section = kind
-    if get_origin(kind) is not None:
+    if get_origin(kind) is Literal:
         yield from (choice for choice in get_args(kind) if choice != value)
     elif kind is bool:
         yield not value
+    elif isinstance(value, tuple):
+        yield (0.99 * value[0], *value[1:])
     elif kind is int:
         yield from (value + 1, value - 1)
     else:
-        yield from (value * 1.01, value * 0.99, 0.01, 1e-3, 0.5, math.nextafter(value, math.inf))
+        yield from (value * 1.01, value * 0.99, 0.01, 1e-3, 0.5, -0.01, math.nextafter(value, math.inf))
 
 
 def with_value(key: str, value: Any) -> Parameters:

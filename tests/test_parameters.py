@@ -58,12 +58,16 @@ def test_the_record_holds_every_value():
     record = record_of(p)
     choices = {
         "plc.outer_loop": 1, "gearbox.stage1.kind": 3, "gearbox.stage2.kind": 0, "gearbox.stage3.kind": 0,
-        "load_cell.wire": 2, "linkage.kind": 0, "nameplate.linkage": 0,
+        "load_cell.wire": 2, "linkage.kind": 0, "nameplate.linkage": 0, "feel.bodies": 0, "feel.gust.spectrum": 0,
+        "feel.jam.of": 0,
     }  # fmt: skip
     for key, value, _ in leaves(p):
         found = record
         for name in key.split("."):
             found = getattr(found, name)
+        if isinstance(value, tuple):
+            assert found.count == len(value) and tuple(found["values"][: len(value)]) == value, key
+            continue
         assert found == (choices.pop(key) if isinstance(value, str) else value), key
     assert not choices
     assert memory_of(p).dtype == kind_of(Parameters)
@@ -147,10 +151,20 @@ def test_the_table_in_the_models_readme_is_up_to_date():
 def test_every_number_has_two_bounds_and_the_default_lies_within(key, value, about):
     if isinstance(value, bool | str):
         return
-    low, high = about["valid"].split(", ")
+    bounds = about["valid"]
+    if isinstance(value, tuple):
+        assert value == () and bounds.startswith(f"up to {about['most']} numbers, each ")
+        bounds = bounds.partition("each ")[2]
+    low, high = bounds.split(", ")
     assert low[0] in ">≥"
     assert high[0] in "<≤"
-    assert float(low.strip(">≥ ")) <= value <= float(high.strip("<≤ "))
+    least, most = float(low.strip(">≥ ")), float(high.strip("<≤ "))
+    if isinstance(value, tuple):
+        for wrong in (least - 1.0, 2.0 * most + 1.0, math.inf, math.nan):
+            with pytest.raises(InputError, match=f"parameters.{re.escape(key)}: .* is not valid; "):
+                parse_scenario('title = "t"\nduration = 1.0', set=[f"{key}=[{wrong!r}]"])
+        return
+    assert least <= value <= most
     for wrong in (float(low.strip(">≥ ")) - 1.0, 2.0 * float(high.strip("<≤ ")) + 1.0, math.inf, math.nan):
         with pytest.raises(InputError, match=f"parameters.{re.escape(key)}: .* is not valid; give a"):
             parse_scenario('title = "t"\nduration = 1.0', set=[f"{key}={wrong!r}"])

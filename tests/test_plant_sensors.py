@@ -315,13 +315,14 @@ SOURCES = {
 def test_more_noise_of_one_source_leaves_the_others_to_the_last_bit(source):
     """The drive off, so that nothing but the sensor itself sees its noise."""
     key, noisy = SOURCES[source]
+    surface = "/surface.deflection", "/surface.velocity", "/surface.feel_torque"
     more = run(RESTING + SWAY, set=[key, "load_cell.spike=10.0"])
     less = run(RESTING + SWAY, set=["load_cell.spike=10.0"])
     follow = {"/drive.position": {"/drive.velocity", "/drive.set_position", "/drive.set_velocity", "/load_cell.torque",
-                                  "/feel.angle", "/feel.velocity", "/feel.torque"},
+                                  "/feel.angle", "/feel.velocity", "/feel.torque", *surface},
               "/load_cell.counts": {"/load_cell.torque", "/feel.torque"},
               "/column.potentiometer": set(),  # nobody uses it
-              "/load_cell.torque": {"/feel.angle", "/feel.velocity", "/feel.torque", "/limits.bus"}}  # fmt: skip
+              "/load_cell.torque": {"/feel.angle", "/feel.velocity", "/feel.torque", "/limits.bus", *surface}}  # fmt: skip
     differ = {name for name in more.signals if not np.array_equal(more[name], less[name])}
     assert noisy in differ
     assert differ <= {noisy} | follow[noisy]

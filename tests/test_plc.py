@@ -284,10 +284,11 @@ def test_each_source_of_chance_is_woken_by_its_own_parameter():
     """None by default: what nothing depends on is not drawn."""
     def woken(**changed):
         p = override(Parameters(), changed)
-        return {**sensors.woken(p), **plc.woken(p.plc)}
+        return {**sensors.woken(p), **plc.woken(p.plc, p.feel)}
 
-    assert woken() == dict.fromkeys(sensors.UNIFORM, False)
+    assert woken() == dict.fromkeys((*sensors.UNIFORM, *sensors.TURBULENCE), False)
     assert [source for source, wakes in woken(**{"load_cell.spike_rate": 1.0}).items() if wakes] == ["spike"]
     assert {source for source, wakes in woken(**{"plc.frame_loss": 0.1}).items() if wakes} == {
         "command_frame", "feedback_frame",
     }  # fmt: skip
+    assert [source for source, wakes in woken(**{"feel.gust.torque": 1.0}).items() if wakes] == ["gust"]

@@ -9,6 +9,8 @@ from cls_bench.bench import Bench, _Streams
 from cls_bench.plant import sensors
 from tests.running import advanced, collected, parameters
 
+WOKEN = len(sensors.UNIFORM) + len(sensors.TURBULENCE)
+
 
 def drawn(axes, seed=1, ticks=600, blocks=(600,)):
     """All numbers by source, (ticks, axes)."""
@@ -16,7 +18,7 @@ def drawn(axes, seed=1, ticks=600, blocks=(600,)):
     for length in itertools.cycle(blocks):
         if left <= 0:
             break
-        noise = streams.draw(min(length, left), [[True] * len(axes)] * len(sensors.UNIFORM))
+        noise = streams.draw(min(length, left), [[True] * len(axes)] * WOKEN)
         found.append([np.array(values) for values in noise])
         left -= length
     return {
@@ -27,14 +29,14 @@ def drawn(axes, seed=1, ticks=600, blocks=(600,)):
 def test_each_stream_is_another():
     found = drawn(("pitch", "roll"), ticks=5000)
     columns = [values[:, a] for values in found.values() for a in (0, 1)]
-    assert len(columns) == 2 * (len(sensors.NORMAL) + len(sensors.UNIFORM))
+    assert len(columns) == 2 * (len(sensors.NORMAL) + WOKEN)
     for one, other in itertools.combinations(columns, 2):
         assert abs(np.corrcoef(one, other)[0, 1]) < 0.06  # four standard deviations of 1/√5000
 
 
 def test_they_are_normal_and_uniform():
     found = drawn(("",), ticks=20_000)
-    for name in sensors.NORMAL:
+    for name in (*sensors.NORMAL, *sensors.TURBULENCE):
         assert found[name].mean() == pytest.approx(0.0, abs=0.03)
         assert found[name].std() == pytest.approx(1.0, abs=0.02)
     for name in sensors.UNIFORM:
@@ -66,31 +68,38 @@ def test_another_axis_changes_none():
         np.testing.assert_array_equal(alone[name][:, 0], both[name][:, 1])
 
 
-@pytest.mark.parametrize("kind", ["NORMAL", "UNIFORM"])
+@pytest.mark.parametrize("kind", ["NORMAL", "UNIFORM", "TURBULENCE"])
 def test_another_source_changes_none(monkeypatch, kind):
     """A sensor that is added, in front of all others: what they get stays the same."""
-    before = _Streams(("",), 3)
-    wanted = {name: getattr(before, f"_{kind.lower()}")[k][0] for k, name in enumerate(getattr(sensors, kind))}
+    sources = ("NORMAL", "UNIFORM", "TURBULENCE")
+
+    def numbers():
+        streams = _Streams(("",), 3)
+        names = [name for of in sources for name in getattr(sensors, of)]
+        draws = [*([s.standard_normal for s in each] for each in streams._normal), *streams._woken]
+        return {name: each[0](100) for name, each in zip(names, draws, strict=True)}
+
+    before = numbers()
     monkeypatch.setattr(sensors, kind, ("tachometer", *getattr(sensors, kind)))
-    after = getattr(_Streams(("",), 3), f"_{kind.lower()}")
-    assert len(after) == len(wanted) + 1
-    for k, (name, stream) in enumerate(wanted.items()):
-        np.testing.assert_array_equal(after[k + 1][0].random(100), stream.random(100), err_msg=name)
+    after = numbers()
+    assert after.keys() - before.keys() == {"tachometer"}
+    for name, values in before.items():
+        np.testing.assert_array_equal(after[name], values, err_msg=name)
 
 
 def test_chance_is_drawn_only_where_something_depends_on_it():
     """So what is by chance on another axis moves nothing here, whenever it is switched on."""
     assert sensors.UNIFORM[0] == "spike"
     streams, alone = _Streams(("pitch", "roll"), 1), _Streams(("roll",), 1)
-    quiet = streams.draw(80, [[False, False]] * 3)
+    quiet = streams.draw(80, [[False, False]] * WOKEN)
     assert all(values.size == 0 for values in quiet[len(sensors.NORMAL) :])
-    one = streams.draw(80, [[True, False], [False, False], [False, False]])
+    one = streams.draw(80, [[True, False], *[[False, False]] * (WOKEN - 1)])
     assert (one.spike[:, 0] < 1.0).all() and (one.spike[:, 1] == 1.0).all()  # 1: by no chance
     assert one.command_frame.size == 0
     for _ in range(2):
-        alone.draw(80, [[False]] * 3)
-    both = streams.draw(80, [[True, True]] * 3)
-    np.testing.assert_array_equal(both.spike[:, 1], alone.draw(80, [[True]] * 3).spike[:, 0])
+        alone.draw(80, [[False]] * WOKEN)
+    both = streams.draw(80, [[True, True]] * WOKEN)
+    np.testing.assert_array_equal(both.spike[:, 1], alone.draw(80, [[True]] * WOKEN).spike[:, 0])
 
 
 # --- on the bench -----------------------------------------------------------------------------------------------------
@@ -114,6 +123,7 @@ def test_a_sensors_noise_changes_no_other_sensor(values, own):
         "/load_cell.counts": {"/load_cell.torque", "/feel.torque", "/limits.load_cell"},
         "/drive.position": {
             "/drive.set_position", "/load_cell.torque", "/feel.torque", "/feel.angle", "/feel.velocity",
+            "/surface.deflection", "/surface.velocity", "/surface.feel_torque",
         },
     }  # fmt: skip
     allowed = own.union(*(follows.get(name, set()) for name in own))

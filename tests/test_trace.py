@@ -28,7 +28,12 @@ CYCLE = 8
 TICK = 5e-5
 IDEAL = ["encoder.noise=0.0", "load_cell.noise=0.0", "gearbox.stage1.transmission_error=0.0",
          "gearbox.stage2.transmission_error=0.0", "load_cell.filter_bandwidth=100000.0",
-         "potentiometer.noise=0.0"]  # fmt: skip
+         "potentiometer.noise=0.0", *(f"feel.{key}" for key in (
+             'bodies="two"', "neutral=0.02", "stiffness=30.0", "aft.inertia=0.05", "aft.damping=0.2", "linkage.stiffness=500.0", "linkage.damping=3.0",
+             "aft_limit.angle=0.5", "forward_limit.angle=0.5", "surface.area=0.8", "surface.chord=0.4",
+             "surface.hinge_zero=0.01", "surface.hinge_deflection=-0.05", "surface.gearing=1.4",
+             "flight.dynamic_pressure=900.0", "autopilot.engaged=true", "autopilot.stiffness=20.0",
+             "autopilot.clutch=100.0", "autopilot.damping=1.0", "autopilot.rate=0.0", "autopilot.reference=0.1"))]
 RIGS = {
     "two stages": [],
     # Of the same ratio, so that drive and PLC are none the wiser.
@@ -76,7 +81,8 @@ def state_of(bench: Bench) -> dict[str, float]:
     found["current"], found["terminals"] = float(body.current), float(body.voltage)
     found["temperature"] = float(body.temperature)
     found["voltage"] = float(control.servo.voltage)
-    found |= {f"feel_{name}": float(control.feel[name]) for name in ("angle", "velocity", "torque")}
+    found |= {f"feel_{name}": float(control.feel[name]) for name in ("angle", "velocity", "torque", "aft_angle",
+                                                                   "aft_velocity")}
     return found
 
 
@@ -174,6 +180,8 @@ def expected(r: Recorded, signals: dict[str, Any]) -> dict[str, tuple[Any, Any, 
     heat = 6.0 * was["current"] ** 2 * 1.444
     warmed = heat + (was["temperature"] - heat) * math.exp(-TICK / 60.0)
     angle = np.append([0.0, 0.0], signals["/feel.angle"])[:count]  # a bus cycle, then the drive's own
+    aft, aft_rate = became["feel_aft_angle"], became["feel_aft_velocity"]
+    cable = 500.0 * (became["feel_angle"] - aft) + 3.0 * (became["feel_velocity"] - aft_rate)
     return {
         "/pilot.hand_force": (first("/pilot.hand_force"), hand / HEIGHT, 1e-9),
         "/pilot.squeeze": (signals["/pilot.squeeze"], np.full(2 * count, 0.3), 1e-12),
@@ -198,6 +206,15 @@ def expected(r: Recorded, signals: dict[str, Any]) -> dict[str, tuple[Any, Any, 
         "/feel.torque": (signals["/feel.torque"], became["feel_torque"], 0.0),
         "/feel.angle": (signals["/feel.angle"], became["feel_angle"], 0.0),
         "/feel.velocity": (signals["/feel.velocity"], became["feel_velocity"], 0.0),
+        "/surface.deflection": (signals["/surface.deflection"], 1.4 * aft, 1e-12),
+        "/surface.velocity": (signals["/surface.velocity"], 1.4 * became["feel_aft_velocity"], 1e-12),
+        "/surface.hinge_moment": (
+            signals["/surface.hinge_moment"], 900.0 * 0.8 * 0.4 * (0.01 - 0.05 * 1.4 * aft), 1e-12
+        ),
+        "/surface.cable_torque": (signals["/surface.cable_torque"], cable, 1e-9),
+        "/surface.feel_torque": (signals["/surface.feel_torque"], 30.0 * (aft - 0.02), 1e-12),
+        "/surface.autopilot_torque": (signals["/surface.autopilot_torque"], 20.0 * (0.1 - aft) - aft_rate, 1e-12),
+        "/surface.trim": (signals["/surface.trim"], np.full(count, 0.02), 0.0),
     }
 
 

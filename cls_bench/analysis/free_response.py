@@ -1,23 +1,37 @@
 """Free response of the column after release: the expected one by an independent solution, and the Part 60 tolerances.
 
-Expected is Eq. 3.15 of the thesis with the feel model's other elements: a single body with the inertia and damping of
-the feel model and of all that is forward of the load cell, solved here by scipy, apart from the controller's own code::
+Expected is Eq. 3.15 of the thesis with all elements of the feel model, as one body or two, solved here by scipy, apart
+from the controller's own code (the laws are :mod:`cls_bench.analysis.feel_laws`). The column's body has the inertia,
+damping and friction of the feel model and of all that is forward of the load cell::
 
-    (I_fcs + I_fwd) φ̈ + (d_fcs + d_fwd + d_hs) φ̇ + c (φ − φ₀) + centering + travel limits + (μ_fcs + μ_fwd) sign φ̇ = T
+    (I_fcs + I_fwd) φ̈ + (d_fcs + d_fwd) φ̇ + springs, limits, linkage … + friction = T
 
 14 CFR Part 60, table A2A, dynamic tests 2.b.1 to 2.b.3, judges the response of an underdamped control by the time to
 the first crossing, the periods after it, the overshoots and their number, of an overdamped one by the time from 90 % to
 10 % of the amplitude, and by its having no overshoot.
 """
 
+import math
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cls_bench.parameters import Feel, Parameters
+from cls_bench.analysis.feel_laws import AFT, COLUMN, Laws
+from cls_bench.analysis.quasi_static import Led
+from cls_bench.parameters import Parameters
 
 Array = NDArray[np.float64]
+
+DEPARTURE = 1e-12
+"""Speed [rad/s] that a body is given as friction lets it go, so that rounding does not stop it at once."""
+
+SLACK = 1e-9
+"""Torque [N·m] beyond friction at which a body at rest is let go: above rounding where both are equal from the start."""
+
+PIECES = 10_000
+"""Most pieces between reversals: far more than any response has that anyone would want to see."""
 
 
 def forward_inertia(p: Parameters) -> float:
@@ -25,61 +39,122 @@ def forward_inertia(p: Parameters) -> float:
     return p.column.inertia + p.linkage.masses[2] * p.linkage.arm**2
 
 
-def spring_torque(feel: Feel, angle: float) -> float:
-    """Torque [N·m] of the model's springs at ``angle`` [rad]: stiffness, centering unit, travel limits."""
-    offset = angle - feel.neutral
-    torque = feel.stiffness * offset
-    torque += float(np.clip(feel.centering.stiffness * offset, -feel.centering.breakout, feel.centering.breakout))
-    for limit in (feel.aft_limit, feel.forward_limit):
-        torque += limit.stiffness * float(np.sign(angle)) * max(abs(angle) - limit.angle, 0.0)
-    return torque
-
-
 def damping(p: Parameters, angle: float) -> float:
-    """Viscous damping [N·m·s/rad] at the grip at ``angle`` [rad]: of feel model, travel limits and bearing."""
-    beyond = (limit.damping for limit in (p.feel.aft_limit, p.feel.forward_limit) if abs(angle) > limit.angle)
-    return p.feel.damping + p.column.viscous_friction + sum(beyond)
+    """Viscous damping [N·m·s/rad] at the grip as the column passes ``angle`` [rad] slowly: of feel model and bearing.
+
+    An aft body follows the column by the share r of its motion that linkage and springs leave it: it is felt as r² of
+    its damping, and the linkage's as (1 − r)².
+    """
+    laws = Laws(p.feel)
+    led = Led(laws, p.feel.neutral, p.feel.neutral)
+    led.to(angle)
+    at = laws.slopes(angle, led.aft)
+    whole = p.column.viscous_friction + at.column_damping
+    if at.link == 0.0 or laws.jammed[AFT]:
+        return whole + at.link_damping
+    follows = at.link / (at.link + at.aft)
+    return whole + follows**2 * at.aft_damping + (1.0 - follows) ** 2 * at.link_damping
 
 
-def expected_response(p: Parameters, angle: float, times: Array) -> Array:
+def expected_response(p: Parameters, angle: float, times: Array, aft: float | None = None) -> Array:
     """Column angle [rad] at ``times`` [s] after release at rest at ``angle`` [rad]; shape of ``times``.
 
-    Solved piece by piece between reversals (an event of the integrator); at a reversal the body stays where it is if
-    friction holds it.
+    ``aft`` is where an aft body is released [rad]; unless given, where it is when a hand has led the column slowly from
+    neutral to ``angle``.
     """
-    from scipy.integrate import solve_ivp  # takes longer to import than a short run to simulate
+    laws = Laws(p.feel)
+    if aft is None:
+        led = Led(laws, p.feel.neutral, p.feel.neutral)
+        led.to(angle)
+        aft = led.aft
+    return _Released(p, laws).motion(angle, aft, times)
 
-    feel = p.feel
-    inertia = feel.inertia + forward_inertia(p)
-    friction = feel.friction + p.column.coulomb_friction
-    external = feel.autopilot.torque + feel.disturbance.torque
-    result = np.full_like(times, angle)
-    now, x = 0.0, angle
-    while now < times[-1]:
-        net = external - spring_torque(feel, x)
-        if abs(net) <= friction:
-            result[times >= now] = x
-            break
-        way = np.sign(net)
 
-        def slope(_: float, y: Array, way: float = way) -> list[float]:
-            torque = external - spring_torque(feel, y[0]) - damping(p, y[0]) * y[1] - way * friction
-            return [y[1], torque / inertia]
+class _Released:
+    """The bodies after their release, solved piece by piece between the instants at which one stops or is let go."""
 
-        def reversal(t: float, y: Array, way: float = way, begin: float = now) -> float:
-            return y[1] * way if t > begin + 1e-6 else 1.0
+    def __init__(self, p: Parameters, laws: Laws) -> None:
+        self._laws = laws
+        self._bodies = range(2 if laws.two else 1)
+        bearing, forward = p.column, forward_inertia(p)
+        self._viscous = bearing.viscous_friction
+        self._dry = (bearing.coulomb_friction, 0.0)
+        self._inertia = (laws.inertia[COLUMN] + forward, laws.inertia[AFT])
 
-        reversal.terminal = True  # type: ignore[attr-defined]
-        reversal.direction = -1.0  # type: ignore[attr-defined]
-        piece = solve_ivp(
-            slope, (now, times[-1]), [x, 0.0], events=reversal, rtol=1e-8, atol=1e-10, max_step=0.01, dense_output=True
-        )
-        inside = (times >= now) & (times <= piece.t[-1])
-        result[inside] = piece.sol(times[inside])[0]
-        now, x = float(piece.t[-1]), float(piece.y[0, -1])
-        if piece.status == 0:
-            break
-    return result
+    def _net(self, y: Sequence[float] | Array) -> tuple[float, float]:
+        """Torque on each body but for friction; ``y`` is angle and velocity of the column's body, then of the aft one.
+        """
+        column, aft = self._laws.net(float(y[0]), float(y[1]), float(y[2]), float(y[3]))
+        return column - self._viscous * float(y[1]), aft
+
+    def _at_rest(self, body: int) -> float:
+        return math.inf if self._laws.jammed[body] else self._laws.at_rest(body) + self._dry[body]
+
+    def motion(self, angle: float, aft: float, times: Array) -> Array:
+        from scipy.integrate import solve_ivp  # takes longer to import than a short run to simulate
+
+        result = np.full_like(times, angle)
+        now, y, ways = 0.0, np.array([angle, 0.0, aft, 0.0]), [0.0, 0.0]
+        torn: int | None = None
+        for _ in range(PIECES):
+            net = self._net(y)
+            for body in self._bodies:
+                held = self._at_rest(body)
+                if ways[body] == 0.0 and (body == torn or held == 0.0 or abs(net[body]) > held):
+                    ways[body] = math.copysign(1.0, net[body])
+                    y[2 * body + 1] = ways[body] * DEPARTURE
+            if not any(ways):
+                break
+            events, bodies = self._events(ways)
+            piece = solve_ivp(
+                self._rate(ways), (now, float(times[-1])), y, "DOP853", events=events, rtol=1e-8, atol=1e-10,
+                max_step=0.01, dense_output=True,
+            )  # fmt: skip
+            inside = (times >= now) & (times <= piece.t[-1])
+            if np.any(inside):
+                result[inside] = piece.sol(times[inside])[0]
+            now, y, torn = float(piece.t[-1]), np.array(piece.y[:, -1]), None
+            if piece.status == 0 or now >= times[-1]:
+                break
+            body = next(body for body, found in zip(bodies, piece.t_events, strict=True) if len(found))
+            if ways[body] == 0.0:
+                torn = body
+            else:
+                ways[body], y[2 * body + 1] = 0.0, 0.0
+        result[times > now] = y[0]
+        return result
+
+    def _rate(self, ways: Sequence[float]) -> Callable[[float, Array], list[float]]:
+        laws, ways = self._laws, tuple(ways)
+
+        def rate(_: float, y: Array) -> list[float]:
+            net, found = self._net(y), [0.0, 0.0, 0.0, 0.0]
+            for body in self._bodies:
+                if ways[body] != 0.0:
+                    speed = float(y[2 * body + 1])
+                    friction = laws.friction(body, speed) + self._dry[body]
+                    found[2 * body] = speed
+                    found[2 * body + 1] = (net[body] - ways[body] * friction) / self._inertia[body]
+            return found
+
+        return rate
+
+    def _events(self, ways: Sequence[float]) -> tuple[list[Callable[[float, Array], float]], list[int]]:
+        """Of each body that may have one: it stops, or the other tears it away."""
+
+        def event(body: int, way: float) -> Callable[[float, Array], float]:
+            def stops(_: float, y: Array) -> float:
+                return float(y[2 * body + 1]) * way
+
+            def torn(_: float, y: Array) -> float:
+                return self._at_rest(body) + SLACK - abs(self._net(y)[body])
+
+            found = torn if way == 0.0 else stops
+            found.terminal, found.direction = True, -1.0  # type: ignore[attr-defined]
+            return found
+
+        bodies = [body for body in self._bodies if ways[body] != 0.0 or not self._laws.jammed[body]]
+        return [event(body, ways[body]) for body in bodies], bodies
 
 
 class Item(NamedTuple):

@@ -6,8 +6,8 @@ F is Coulomb's friction with stiction: a body at rest stays there while the othe
 static friction; in motion F = μ + (μ_static − μ) exp(−|φ̇| / v_stribeck).
 
 Between events (a spring's end, a stop reached or left, a clutch that slips, a reversal, a body that breaks away) the
-law is linear, but for a detent's sine and Stribeck's curve. There the motion is a power series in time: the coefficients
-follow from the law one from the other,
+law is linear, but for a detent's sine and Stribeck's curve. There the motion is a power series in time, whose
+coefficients follow from the law one from the other,
 
     φ_{k+2} = (T [k = 0] − c φ_k − (k+1) d φ_{k+1} − …) / (I (k+1) (k+2)),
 
@@ -372,3 +372,8 @@ def follow(feel: Any, state: Any, angle: float, velocity: float, torque: float) 
     state.torque, state.aft_torque = torque, 0.0
     state.surface.cable_torque, state.surface.feel_torque = 0.0, 0.0
     show(feel, state)
+    shown = state.surface
+    total = shown.deflection + shown.velocity + shown.hinge_moment + shown.feel_torque + shown.autopilot_torque
+    if not abs(total + shown.trim) < math.inf:  # a parameter that is no number has switched the drive off
+        shown.deflection, shown.velocity, shown.hinge_moment = 0.0, 0.0, 0.0
+        shown.feel_torque, shown.autopilot_torque, shown.trim = 0.0, 0.0, 0.0

@@ -95,7 +95,8 @@ def override(parameters: Parameters, table: Mapping[str, Any], *, live_only: boo
         if key not in known:
             below = [name for name in known if name.startswith(f"{key}.")]
             if below:
-                raise FaultError(key, f"{shown(value)} is not valid; it is a section with {listed(below)}")
+                inner = dict.fromkeys(f"{key}.{name[len(key) + 1 :].partition('.')[0]}" for name in below)
+                raise FaultError(key, f"{shown(value)} is not valid; it is a section with {listed(list(inner))}")
             section = [name for name in known if name.startswith(".".join([*parents, ""]))]
             raise FaultError(key, f"unknown parameter; {nearest(key, section or known)}")
         if live_only and not known[key]["live"]:

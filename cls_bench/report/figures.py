@@ -14,7 +14,7 @@ from cls_bench.analysis import free_response, metrics
 from cls_bench.errors import InputError
 from cls_bench.parameters import DEG, Gearbox
 from cls_bench.report.recorded_run import RecordedRun, Span
-from cls_bench.report.style import COLOR, legend, new_figure, new_pair, room_above, thin, thin_path
+from cls_bench.report.style import COLOR, legend, new_figure, new_pair, room_above, thin, thin_path, torque_axes
 from cls_bench.text import printable
 
 Array = NDArray[np.float64]
@@ -60,6 +60,8 @@ def _of_axis(run: RecordedRun, left_out: list[str]) -> Iterator[Picture]:
         spans = run.spans(*names, signal=signal)
         if spans:
             yield from _drawn(draw, run, spans, left_out)
+    if any((check.signal or "").rpartition(".")[0].endswith("/surface") for check in run.scenario.checks):
+        yield from _drawn(lambda run, spans: [aft_side(run)], run, [], left_out)
     yield from _drawn(lambda run, spans: [overview(run)], run, [], left_out)
 
 
@@ -109,15 +111,7 @@ def _power_look(run: RecordedRun, span: Span) -> tuple[str, str]:
 
 
 def _torque_axes(ax: Axes, run: RecordedRun) -> None:
-    ax.set_xlabel("column angle φ [°]")
-    ax.set_ylabel("torque T_meas [N·m]")
-    height = run.scenario.parameters_at_start().column.grip_height
-
-    scales: tuple[Any, Any] = (lambda torque: torque / height, lambda force: force * height)
-    side = ax.secondary_yaxis("right", functions=scales)
-    side.set_ylabel("as a force at the grip [N]", color=COLOR["ink"])
-    side.tick_params(color=COLOR["muted"], labelcolor=COLOR["ink"])
-    side.spines["right"].set_color(COLOR["muted"])
+    torque_axes(ax, run.scenario.parameters_at_start().column.grip_height, "torque T_meas [N·m]")
 
 
 # --- feel model: static sweep and free response ----------------------------------------------------------------------
@@ -402,6 +396,46 @@ def mesh_orders(box: Gearbox) -> list[tuple[int, float]]:
     return found
 
 
+# --- aft side --------------------------------------------------------------------------------------------------------
+
+
+def aft_side(run: RecordedRun) -> Picture:
+    """Where surface and trim are, and what pulls at the column from behind, over the whole run."""
+    w = run.whole
+    figure, (angle, torque) = new_figure(2, height=5.6, shares=(1, 1.1))
+    for signal, color, label, style in (
+        ("/surface.deflection", "third", "surface δ", "-"), ("/feel.angle", "model", "column (model)", "--"),
+        ("/surface.trim", "expected", "trim", ":"),
+    ):  # fmt: skip
+        x, y = thin(w.time, w[signal] / DEG)
+        angle.plot(x, y, style, color=COLOR[color], label=label)
+    angle.set_ylabel("angle [°]")
+    drawn = []
+    for signal, color, label, style in (
+        ("/column.torque", "pilot", "pilot", "-"), ("/surface.cable_torque", "measured", "linkage", "-"),
+        ("/surface.feel_torque", "model", "feel unit", "--"), ("/surface.autopilot_torque", "error", "autopilot", "-"),
+        ("/surface.hinge_moment", "third", "hinge moment at the surface", "--"),
+    ):  # fmt: skip
+        values = w[signal]
+        if np.any(values != 0.0):  # an element that is not there has no curve
+            x, y = thin(w.time, values)
+            torque.plot(x, y, style, color=COLOR[color], label=label)
+            drawn.append(label)
+    torque.set_ylabel("torque [N·m]")
+    torque.set_xlabel("time [s]")
+    for change in run.scenario.changes:
+        for ax in (angle, torque):
+            ax.axvline(change.at, color=COLOR["muted"], lw=0.8, ls=":")
+    legend(angle, columns=3, place="upper right")
+    legend(torque, columns=3, place="upper right")
+    room_above(angle, 0.15)
+    room_above(torque, 0.30)
+    figure.align_ylabels()
+    changes = "; dotted upright lines are the changes of the run" if run.scenario.changes else ""
+    caption = f"Angles of column, surface and trim, and the torques of {', '.join(drawn)}{changes}."
+    return Picture("aft_side", "Behind the column", caption, figure)
+
+
 # --- overview --------------------------------------------------------------------------------------------------------
 
 
@@ -461,7 +495,7 @@ Draw = Callable[[RecordedRun, Sequence[Span]], Iterator[Picture]]
 
 _FIGURES: tuple[tuple[tuple[str, ...], str | None, Draw], ...] = (
     (("breakout_torque",), None, friction),
-    (("hysteresis", "static_friction", "grip_force", "grip_friction"), None, static),
+    (("hysteresis", "static_friction", "grip_force", "grip_friction", "grip_play_mm"), None, static),
     (("part60_tolerance_used",), None, released),
     (("tracking_amplitude_ratio", "tracking_phase_lag_ms"), None, tracking),
     (("oscillation_amplitude_deg", "oscillation_frequency_hz"), None, squeezing),
