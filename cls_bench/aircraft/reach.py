@@ -51,11 +51,12 @@ def largest_torque(feel: Feel) -> float:
 
     Of a jammed control it is the override's; where there is none the pilot decides.
     """
-    friction = feel.friction + (1.0 - feel.hydraulics.pressure) * feel.hydraulics.off_friction
+    friction = max(feel.friction, feel.static_friction)
     if feel.bodies == "two" and (feel.jam.of == "aft" or not feel.linkage.connected):
-        return feel.friction + (feel.linkage.override if feel.linkage.connected else 0.0)
+        return friction + (feel.linkage.override if feel.linkage.connected else 0.0)
+    friction += (1.0 - feel.hydraulics.pressure) * feel.hydraulics.off_friction
     if feel.bodies == "two":
-        friction += feel.aft.friction
+        friction += max(feel.aft.friction, feel.aft.static_friction)
     ends = np.linspace(-feel.aft_limit.back, feel.aft_limit.angle, 201)
     return max(abs(spring_torque(feel, float(angle))) for angle in ends) + friction
 
@@ -67,9 +68,7 @@ def spring_torque(feel: Feel, angle: float) -> float:
     x = angle - feel.neutral
     held = min(max(feel.centering.stiffness * x, -feel.centering.breakout), feel.centering.breakout)
     torque = unit * ((feel.stiffness + min(feel.q_feel.gradient * q, feel.q_feel.most)) * x + held)
-    for place, width, peak in zip(feel.detents.place, feel.detents.width, feel.detents.torque, strict=True):
-        if abs(angle - place) < 0.5 * width:
-            torque += peak * float(np.sin(2.0 * np.pi * (angle - place) / width))
+    torque -= _detents(feel, angle)
     s = feel.surface
     if s.area > 0.0 and not s.control_angle:
         borne = 1.0 - s.boost * feel.hydraulics.pressure
@@ -77,3 +76,17 @@ def spring_torque(feel: Feel, angle: float) -> float:
         hinge += s.hinge_deflection * s.gearing * angle
         torque -= borne * s.gearing * q * s.area * s.chord * hinge
     return torque - feel.down_spring.torque - feel.bob_weight.torque * feel.flight.load_factor
+
+
+def _detents(feel: Feel, angle: float) -> float:
+    """Torque [N·m] of the detents on the control at ``angle`` [rad]."""
+    torque, d = 0.0, feel.detents
+    for place, width, peak in zip(d.place, d.width, d.torque, strict=True):
+        share = (angle - place) / width + 0.5
+        if not 0.0 < share < 1.0:
+            continue
+        if d.profile:
+            torque += peak * float(np.interp(share, np.linspace(0.0, 1.0, len(d.profile)), d.profile))
+        else:
+            torque -= peak * float(np.sin(2.0 * np.pi * (share - 0.5)))
+    return torque
