@@ -18,6 +18,9 @@ from cls_bench.analysis.quasi_static import static_curve
 from cls_bench.cli import main
 from cls_bench.errors import InputError
 from cls_bench.feel.elements.linkage import Linkage
+from cls_bench.linear.hand import Hand
+from cls_bench.linear.prediction import growth_rate
+from cls_bench.linear.variation import Setup
 from cls_bench.parameters import Feel, Parameters
 from cls_bench.resources import shipped_aircraft, shipped_rigs, shipped_scenarios
 from cls_bench.rigs import load_rig
@@ -147,8 +150,17 @@ def test_the_largest_force_is_that_of_the_theory(setting: Setting) -> None:
     assert largest_torque(feel) == pytest.approx(greatest, rel=0.02)
 
 
+@pytest.mark.parametrize("setting", SETTINGS)
+def test_the_outer_loop_is_stable_in_a_tight_grip_by_the_linear_model(setting: Setting) -> None:
+    p = setting.on(load_rig(setting.about.rig).parameters)
+    assert growth_rate(Setup(p, Hand(1.0))) < -5.0  # 1/s
+
+
 def test_a_band_fails_a_feel_that_is_out_of_it(recorded: Runner) -> None:
     wrong = recorded("aircraft_a320_pitch", "feel.stiffness=125.0")
+    recording = wrong.recording()
+    assert recording.metadata["aircraft"] == "a320"
+    assert recording.attachments["a320.aircraft.toml"] == shipped_aircraft()["a320"].read_bytes()
     assert wrong.status == "failed"
     assert not next(check for check in wrong.checks if check.check.name == "forward_8deg").passed
 
@@ -221,7 +233,7 @@ def test_forces_and_angles_at_the_grip() -> None:
 def test_the_largest_force_is_that_at_the_end_of_the_travel() -> None:
     setting = load_aircraft("c27j").setting("elevator", "low_speed")
     rig = load_rig("elevator").parameters
-    assert largest_torque(setting.on(rig).feel) / rig.column.grip_height == pytest.approx(36.0 + 11.5 * 16.6)
+    assert largest_torque(setting.on(rig).feel) / rig.column.grip_height == pytest.approx(34.0 + 11.5 * 16.6)
     assert reach(setting, rig).verdict == "short"
     rudder = load_aircraft("c27j").setting("rudder")
     assert reach(rudder, load_rig("thesis").parameters).verdict == "too weak"
@@ -397,3 +409,20 @@ def test_the_page_does_what_it_shows(tmp_path: Path, monkeypatch: pytest.MonkeyP
             assert all(" ".join(line.split()) in printed for line in shown.splitlines())
             commands += 1
     assert commands == 3
+
+
+def test_the_page_shows_every_band_of_the_scenarios_as_measured_within_its_limits() -> None:
+    """If this fails: python -m benchmarks.aircraft docs/aircraft.md"""
+    section = PAGE.read_text(encoding="utf-8").split("## Measured")[1].split("\n## ")[0]
+    shown = dict(re.findall(r"^\| (`\w+` \| \w+) \| .* \| (\S+) \S+ \|$", section, re.MULTILINE))
+    there = {}
+    for name in SCENARIOS:
+        scenario = load_scenario(name)
+        choice = scenario.aircraft
+        assert choice is not None
+        setting = load_aircraft(choice.name).setting(choice.axis, choice.condition)
+        for limits in setting.limits(scenario.the_rig.parameters):
+            there[f"`{name}` | {limits.name}"] = limits
+    assert shown.keys() == there.keys()
+    for row, limits in there.items():
+        assert (limits.least or -math.inf) <= float(shown[row]) <= (limits.greatest or math.inf), row

@@ -23,6 +23,7 @@ from pydantic import (
     model_validator,
 )
 
+from cls_bench.aircraft import Aircraft
 from cls_bench.controllers import Place
 from cls_bench.errors import InputError
 from cls_bench.input.faults import FaultError, problem_of, shown
@@ -106,6 +107,7 @@ class Scenario(Strict):
     _origin: Origin = PrivateAttr(default_factory=Origin)
     _rig: Rig = PrivateAttr()
     _start: Parameters = PrivateAttr()
+    _aircraft: Aircraft | None = PrivateAttr(default=None)
     _files: dict[str, bytes] = PrivateAttr(default_factory=dict)
     _notes: tuple[str, ...] = PrivateAttr(default=())
 
@@ -166,7 +168,7 @@ class Scenario(Strict):
             return rig, ()
         folder = self._origin.path.parent if self._origin.path else Path()
         aircraft, setting = self.aircraft.found(folder, self._origin.files)
-        self._files[aircraft.file] = aircraft.source
+        self._aircraft, self._files[aircraft.file] = aircraft, aircraft.source
         return put_on(setting, rig), tuple(said_of(aircraft, setting, rig))
 
     def _read_samples(self) -> None:
@@ -230,6 +232,11 @@ class Scenario(Strict):
     def the_rig(self) -> Rig:
         """The rig that it is run on."""
         return self._rig
+
+    @property
+    def the_aircraft(self) -> Aircraft | None:
+        """The aircraft whose feel is put on the rig, if there is one."""
+        return self._aircraft
 
     @property
     def controller_place(self) -> Place | None:
@@ -299,7 +306,7 @@ class Scenario(Strict):
         """The same hand on a bench with these parameters, taken as they are; nothing of the rig's is left."""
         own = {"rig": THESIS, "aircraft": None, "parameters": differences(Parameters(), parameters)}
         other = self.model_copy(update=own)
-        other._rig, other._start = find_rig(THESIS), parameters
+        other._rig, other._start, other._aircraft = find_rig(THESIS), parameters, None
         other._origin = Origin(self.name, self.path)
         try:
             _check(other)
