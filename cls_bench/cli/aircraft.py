@@ -10,6 +10,7 @@ from cls_bench.cli.output import number, print_json, print_table
 
 if TYPE_CHECKING:
     from cls_bench.aircraft import Aircraft, Band, Limits, Number, Reach, Setting
+    from cls_bench.parameters import Parameters
 
 
 @click.command()
@@ -22,7 +23,8 @@ def aircraft(name: str | None, rig: str | None, as_json: bool) -> None:
     Forces are those at the rig's grip, scales applied: the largest of springs and friction within the travel; of the
     rig what its motor holds for good, what its load cell measures, and its peak. The rig is the one that the
     aircraft's file names for each control, or that of --rig. Reach says whether it is enough: lasting, for a short
-    time, too weak, or too far for its travel. A scenario takes an aircraft by its table [aircraft].
+    time, too weak, or too far for its travel. Of a named one also whether the outer loop is calm, by the linear model
+    in the standard grips. A scenario takes an aircraft by its table [aircraft].
     """
     from cls_bench.aircraft import load_aircraft
     from cls_bench.resources import shipped_aircraft
@@ -46,8 +48,8 @@ _RIGS = ("rig", "lasting\n[N]", "measured\n[N]", "peak\n[N]", "travel\n[°]")
 class _OnRig:
     """A setting with the rig that it is put on."""
 
-    def __init__(self, setting: "Setting", rig: str, reach: "Reach", limits: "list[Limits]"):
-        self.setting, self.rig, self.reach, self.limits = setting, rig, reach, limits
+    def __init__(self, setting: "Setting", rig: str, parameters: "Parameters", reach: "Reach", limits: "list[Limits]"):
+        self.setting, self.rig, self.parameters, self.reach, self.limits = setting, rig, parameters, reach, limits
 
 
 def _on_rig(setting: "Setting", rig: str | None) -> _OnRig:
@@ -58,10 +60,10 @@ def _on_rig(setting: "Setting", rig: str | None) -> _OnRig:
 
     chosen = load_rig(rig or setting.about.rig)
     try:
-        can = reach(setting, chosen.parameters)
+        can, parameters = reach(setting, chosen.parameters), setting.on(chosen.parameters)
     except FaultError as fault:
         raise InputError(f"{setting.axis} {setting.condition} on {chosen.name}: {fault}") from None
-    return _OnRig(setting, chosen.name, can, setting.limits(chosen.parameters))
+    return _OnRig(setting, chosen.name, parameters, can, setting.limits(chosen.parameters))
 
 
 def _row(on: _OnRig, prefix: str = "") -> tuple[str, ...]:
@@ -88,6 +90,7 @@ def _show(craft: "Aircraft", rig: str | None) -> None:
     print_table(_HEAD, [_row(on) for on in all_on])
     _print_rigs(all_on)
     for on in all_on:
+        click.echo(f"{on.setting.title}: {_calm(on)}")
         if on.setting.scale_reason:
             click.echo(f"{on.setting.title}: scaled, as {on.setting.scale_reason}")
     for name, axis in craft.axes.items():
@@ -103,6 +106,29 @@ def _show(craft: "Aircraft", rig: str | None) -> None:
             pairs = zip(on.setting.bands, on.limits, strict=True)
             print_table(("band", "of the aircraft", "on the rig", "source"), [_band(*pair) for pair in pairs])
 
+
+def _calm(on: _OnRig) -> str:
+    """How the outer loop is in the standard grips, by the linear model."""
+    from threadpoolctl import threadpool_limits
+
+    from cls_bench.linear.least import GRIPS
+    from cls_bench.linear.prediction import growth_rate
+    from cls_bench.linear.variation import Setup
+
+    with threadpool_limits(1):
+        growing = {grip: growth_rate(Setup(on.parameters, grip)) for grip in GRIPS}
+    shaking = [grip for grip in GRIPS if growing[grip] > GROWING]
+    if not shaking:
+        return f"by the linear model calm on {on.rig} in all of {len(GRIPS)} grips"
+    worst = max(shaking, key=lambda grip: growing[grip])
+    return (
+        f"by the linear model {on.rig} shakes in {len(shaking)} of {len(GRIPS)} grips, most at {worst}: growth rate "
+        f"{growing[worst]:.2g} 1/s"
+    )
+
+
+GROWING = 0.5
+"""Growth rate [1/s] that is not rounding of a control that stays where it is put."""
 
 _NUMBERS = ("number", "value", "unit", "bounds", "source")
 
