@@ -74,6 +74,83 @@ mode = "torque"
 """
 
 
+FEEL = """
+title = "a feel model with everything in it"
+duration = 0.16
+seed = 3
+[drive]
+power = "on"
+[parameters.feel]
+bodies = "BODIES"
+static_friction = 0.4
+stribeck_velocity = 0.05
+neutral = 0.01
+trim.rate = 0.2
+flight = { dynamic_pressure = 4000.0, airspeed = 80.0, angle_of_attack = 0.05, load_factor = 1.2, tab = 0.02 }
+q_feel.gradient = 0.002
+centering = { stiffness = 60.0, breakout = 1.0 }
+hydraulics = { off_friction = 0.3, off_damping = 1.0, maximum_rate = 0.8, feel_share = 0.7 }
+aft = { friction = 0.2, static_friction = 0.3, stribeck_velocity = 0.03 }
+linkage = { backlash = 0.004, pretension = 2.0, override = 12.0, damping = 2.0 }
+aft_limit = { angle = 0.1, back_angle = 0.08, stiffness = 800.0, damping = 3.0 }
+forward_limit = { angle = 0.15, stiffness = 1500.0, damping = 15.0 }
+unbalance = { torque = 0.1, gradient = 2.0 }
+bob_weight.torque = 0.2
+down_spring.torque = -0.2
+shaker = { torque = 1.0, ramp = 0.01, duty = 0.5, period = 0.05 }
+pusher = { torque = 3.0, ramp = 0.02 }
+disturbance = { torque = 0.1, vibration = 0.2 }
+gust.torque = 0.5
+autopilot = { reference = 0.05, clutch = 2.0 }
+[parameters.feel.surface]
+area = 1.0
+chord = 0.3
+hinge_zero = 0.001
+hinge_alpha = -0.01
+hinge_deflection = -0.02
+hinge_tab = 0.01
+hinge_rate = -3.0
+boost = 0.4
+control_angle = [-0.2, 0.0, 0.03, 0.2]
+deflection = [-0.3, 0.0, 0.05, 0.4]
+[parameters.feel.detents]
+place = [-0.04, 0.02]
+width = [0.03, 0.04]
+torque = [0.5, 0.8]
+[[hand]]
+at = 0.0
+kind = "sine"
+amplitude_deg = 14.0
+frequency = 8.0
+[[squeeze]]
+at = 0.0
+value = 0.8
+[[changes]]
+at = 0.04
+parameters.feel.autopilot.engaged = true
+parameters.feel.pusher.engaged = true
+[[changes]]
+at = 0.07
+parameters.feel.hydraulics.pressure = 0.4
+parameters.feel.jam.of = "forward"
+[[changes]]
+at = 0.08
+parameters.feel.jam.of = "aft"
+[[changes]]
+at = 0.1
+parameters.feel.jam.of = "none"
+parameters.feel.linkage.connected = false
+[[changes]]
+at = 0.12
+parameters.feel.linkage.connected = true
+parameters.feel.trim.released = true
+[[changes]]
+at = 0.14
+parameters.feel.detents.profile = [0.0, 1.0, -1.0, 0.0]
+parameters.feel.trim.released = false
+"""
+
+
 def of_scenario(text: str) -> tuple[Bench, Iterable[Block]]:
     scenario = parse_scenario(text)
     bench = Bench(scenario.parameters_at_start(), seed=scenario.seed)
@@ -90,6 +167,8 @@ def two_axes() -> tuple[Bench, Iterable[Block]]:
 
 CASES: dict[str, Callable[[], tuple[Bench, Iterable[Block]]]] = {
     "all elements": lambda: of_scenario(SCENARIO),
+    "every feel element, one body": lambda: of_scenario(FEEL.replace("BODIES", "one")),
+    "every feel element, two bodies": lambda: of_scenario(FEEL.replace("BODIES", "two")),
     "one stage": lambda: of_scenario(f'rig = "one_stage"\n{SHORT}'),
     "direct drive": lambda: of_scenario(f'rig = "direct_drive"\n{SHORT}'),
     "16 kHz drive, 1 kHz PLC": lambda: of_scenario(

@@ -1,4 +1,4 @@
-"""How many files a further thing takes: a kind of gear stage, a sensor, a signal.
+"""How many files a further thing takes: a kind of gear stage, a sensor, a signal, a feel element.
 
 Each is added to a copy of the package, and run.
 
@@ -248,3 +248,90 @@ def test_a_signal_takes_its_declaration(tmp_path):
     # T = k_p e + integral: what is left of the torque but for the proportional part.
     np.testing.assert_allclose(integral, torque - 9.27e-5 * 2.0 * np.pi * 100.0 * (asked - velocity), atol=1e-12)
     assert np.ptp(integral) > 5e-4
+
+
+EDDY_BRAKE = '''"""Eddy-current brake: a damper whose torque ends at ``most``."""
+
+from typing import Any
+
+from cls_bench.compiled import compiled
+from cls_bench.feel.element import Element, condition, damper, restore
+from cls_bench.quantity import quantity
+
+
+@compiled
+def _act(feel: Any, state: Any, piece: Any) -> None:
+    b, seat = feel.eddy_brake, piece.aft
+    speed = piece.speed_ahead[seat]
+    if b.damping * abs(speed) < b.most:
+        damper(piece, seat, b.damping)
+        condition(piece, seat, 0.0, -b.damping, b.most)
+        condition(piece, seat, 0.0, b.damping, b.most)
+    else:
+        side = 1.0 if speed > 0.0 else -1.0
+        restore(piece, seat, side * b.most)
+        condition(piece, seat, 0.0, side * b.damping, -b.most)
+
+
+class EddyBrake(Element):
+    """T = max(-most, min(most, damping * speed))."""
+
+    damping: float = quantity(0.0, "N·m·s/rad", "its damping", "none unless asked for", ge=0, le=100, live=True)
+    most: float = quantity(1.0, "N·m", "its greatest torque", "assumed", ge=0, le=100, live=True)
+
+    act = staticmethod(_act)
+'''
+
+EDDY_BRAKE_LISTED: Edits = {
+    "feel/model.py": [
+        ("from cls_bench.feel.elements.down_spring import DownSpring\n",
+         "from cls_bench.feel.elements.down_spring import DownSpring\n"
+         "from cls_bench.feel.elements.eddy_brake import EddyBrake\n"),
+        ("    jam: Jam = Jam()\n", "    jam: Jam = Jam()\n    eddy_brake: EddyBrake = EddyBrake()\n"),
+    ],
+}  # fmt: skip
+
+BRAKED = """
+import json
+from pathlib import Path
+import numpy as np
+from cls_bench import Recording, run
+from cls_bench.feel import solver
+from cls_bench.feel.element import PIECE
+from cls_bench.feel.model import STATE, Feel
+from cls_bench.parameters import Parameters, record_of
+
+found = {}
+for bodies, name in (("one", "velocity"), ("two", "aft_velocity")):
+    feel = Feel(bodies=bodies, friction=0.0, damping=0.0, stiffness=0.0, eddy_brake={"damping": 5.0, "most": 2.0},
+                aft={"damping": 0.0, "friction": 0.0, "inertia": 0.3}, linkage={"connected": False})
+    record = record_of(Parameters(feel=feel)).feel
+    state, piece = (np.zeros(1, dtype=kind).view(np.recarray)[0] for kind in (STATE, PIECE))
+    state[name], found[bodies] = 1.0, []
+    for k in range(400):
+        solver.step(record, state, piece, 0.0, k * 4e-4, 4e-4)
+        found[bodies].append(float(state[name]))
+
+# A scenario has it too, and may change it while it runs.
+hand = 'hand = [{at = 0.0, kind = "release"}]'
+change = "changes = [{at = 0.004, parameters.feel.eddy_brake.damping = 7.0}]"
+Path("t.toml").write_text(f'title = "t"\\nduration = 0.01\\n{hand}\\n{change}')
+result = run("t.toml", set=["feel.eddy_brake.most=3"], out=Path("out"), rerun=False)
+found["most"] = Recording(result.mcap).parameters["feel"]["eddy_brake"]["most"]
+print(json.dumps(found))
+"""
+
+
+def test_a_feel_element_takes_its_file_and_a_line_in_the_list(tmp_path):
+    """And that line's import. Its parameters, bounds and live changes are there at once, with one body and with two."""
+    (_, replaced), = EDDY_BRAKE_LISTED.items()
+    assert sum(new.count("\n") - old.count("\n") for old, new in replaced) == 2
+    folder = copy_of_the_package(tmp_path, EDDY_BRAKE_LISTED)
+    (folder / "cls_bench/feel/elements/eddy_brake.py").write_text(EDDY_BRAKE, encoding="utf-8")
+    found = run_there(folder, BRAKED)
+    time = 4e-4 * np.arange(1, 401)
+    slow = 0.6 * 0.3 / 2.0  # from 1 rad/s it takes so long until 5 N·m·s/rad make less than 2 N·m
+    speed = np.where(time < slow, 1.0 - 2.0 / 0.3 * time, 0.4 * np.exp(-5.0 / 0.3 * np.maximum(time - slow, 0.0)))
+    np.testing.assert_allclose(found["one"], speed, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(found["two"], speed, rtol=0, atol=1e-12)
+    assert found["most"] == 3.0

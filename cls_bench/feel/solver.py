@@ -32,6 +32,7 @@ _REACH = 0.4
 _SOON = 1e-9
 """Shortest piece, as a share of what was left of the cycle: an event at hand does not stop time."""
 
+
 @compiled
 def _clear(feel: Any, state: Any, piece: Any) -> None:
     """Begin a piece where the bodies are: nothing acts on them yet."""
@@ -89,21 +90,24 @@ def _net(piece: Any, i: int) -> float:
 def _choose(feel: Any, state: Any, piece: Any, last: int) -> None:
     """Find the piece, and for each body whether it moves, and whither; 0 is at rest."""
     piece.way[0], piece.way[1] = _sign(state.velocity), _sign(state.aft_velocity)
-    for attempt in range(2):
+    for attempt in range(3):
         _look(feel, state, piece)
-        if attempt == 1:
+        if attempt == 2:
             break
-        settled = True
+        caught = False
         for i in range(last + 1):
             if piece.held[i] != 0:
-                if piece.velocity[i] != 0.0:
-                    if i == 0:
-                        state.velocity = 0.0
-                    else:
-                        state.aft_velocity = 0.0
-                    settled = False
+                caught = caught or piece.velocity[i] != 0.0
                 piece.way[i] = 0.0
-            elif piece.velocity[i] == 0.0:
+                if i == 0:
+                    state.velocity = 0.0
+                else:
+                    state.aft_velocity = 0.0
+        if caught:  # what is jammed has stopped: what the other body feels of it is another thing now
+            continue
+        settled = True
+        for i in range(last + 1):
+            if piece.held[i] == 0 and piece.velocity[i] == 0.0:
                 net = _net(piece, i)
                 if abs(net) > piece.static[i]:
                     piece.way[i] = _sign(net)
@@ -136,6 +140,7 @@ def _rate(piece: Any, last: int) -> float:
 @compiled
 def _series(piece: Any, last: int, time: float, terms: int) -> None:
     """Coefficients of the bodies' angles in the share of ``time`` [s] that has passed: φ = Σ terms_k sᵏ."""
+    per = 1.0 / time
     for i in range(last + 1):
         piece.terms[i, 0], piece.terms[i, 1] = piece.angle[i], piece.velocity[i] * time
         if piece.sine[i] != 0.0:
@@ -146,11 +151,11 @@ def _series(piece: Any, last: int, time: float, terms: int) -> None:
     if last == 0:
         piece.terms[1, 0], piece.terms[1, 1] = 0.0, 0.0
     for k in range(terms - 2):
-        share = 1.0 / ((k + 1) * (k + 2))
+        share = time * time / ((k + 1) * (k + 2))
         link = 0.0
         if last == 1:
             link = piece.link_stiffness * (piece.terms[0, k] - piece.terms[1, k])
-            link += piece.link_damping * (k + 1) * (piece.terms[0, k + 1] - piece.terms[1, k + 1]) / time
+            link += piece.link_damping * per * (k + 1) * (piece.terms[0, k + 1] - piece.terms[1, k + 1])
             if k == 0:
                 link += piece.link_offset
         for i in range(last + 1):
@@ -158,7 +163,7 @@ def _series(piece: Any, last: int, time: float, terms: int) -> None:
                 piece.terms[i, k + 2] = 0.0
                 continue
             torque = -piece.stiffness[i] * piece.terms[i, k]
-            torque -= piece.damping[i] * (k + 1) * piece.terms[i, k + 1] / time
+            torque -= piece.damping[i] * per * (k + 1) * piece.terms[i, k + 1]
             torque += link if i == 1 else -link
             if k == 0:
                 torque += piece.torque[i] - piece.offset[i] - piece.way[i] * piece.coulomb[i]
@@ -175,11 +180,27 @@ def _series(piece: Any, last: int, time: float, terms: int) -> None:
                 if k > 0:
                     curve = 0.0
                     for j in range(1, k + 1):
-                        speed = (j + 1) * piece.terms[i, j + 1] / time
+                        speed = (j + 1) * piece.terms[i, j + 1] * per
                         curve -= j * piece.way[i] * speed / piece.stribeck[i] * piece.curve[i, k - j]
                     piece.curve[i, k] = curve / k
                 torque -= piece.way[i] * (piece.static[i] - piece.coulomb[i]) * piece.curve[i, k]
-            piece.terms[i, k + 2] = torque * time * time * share / piece.inertia[i]
+            piece.terms[i, k + 2] = torque * share / piece.inertia[i]
+
+
+@compiled
+def _terms(piece: Any, last: int, reach: float) -> int:
+    """How many terms converge to rounding within ``reach``, the piece's length in the time of the fastest motion.
+
+    Of a linear law the terms fall as reachᵏ / k!, of a sine and of Stribeck's curve as reachᵏ at least.
+    """
+    linear = piece.sine[0] == 0.0 and piece.stribeck[0] == 0.0
+    if last == 1:
+        linear = linear and piece.sine[1] == 0.0 and piece.stribeck[1] == 0.0
+    if reach < 0.02:
+        return 8 if linear else 12
+    if reach < 0.1:
+        return 11 if linear else 18
+    return 16 if linear else TERMS
 
 
 @compiled
@@ -252,17 +273,20 @@ def _events(piece: Any, last: int) -> int:
 def _first_event(piece: Any, last: int, terms: int, time: float) -> tuple[float, int]:
     """The share of the piece at which the first event comes, and its row; 1 and −1 if none does.
 
-    An event is where its expression is below 0. It is bisected, to the last bit, on the expression's polynomial.
+    An event is where its expression is below 0. It is bisected, to the last bit, on the expression's polynomial. Angles
+    and velocities at that share are left in the piece.
     """
     share, what = 1.0, -1
     x0, v0, x1, v1 = 0.0, 0.0, 0.0, 0.0
     new = True
-    for row in range(piece.conditions):
+    for row in range(piece.conditions + 1):
         if new:
             x0, v0 = _angle(piece, 0, share, terms), _velocity(piece, 0, share, terms, time)
             if last == 1:
                 x1, v1 = _angle(piece, 1, share, terms), _velocity(piece, 1, share, terms, time)
             new = False
+        if row == piece.conditions:
+            break
         a, b, c, d = piece.condition[row, 0], piece.condition[row, 1], piece.condition[row, 2], piece.condition[row, 3]
         e = piece.condition[row, 4]
         if not a * x0 + b * v0 + c * x1 + d * v1 + e < 0.0:
@@ -286,6 +310,7 @@ def _first_event(piece: Any, last: int, terms: int, time: float) -> tuple[float,
             else:
                 low = middle
         share, what, new = max(high, _SOON), row, True
+    piece.angle[0], piece.velocity[0], piece.angle[1], piece.velocity[1] = x0, v0, x1, v1
     return share, what
 
 
@@ -332,22 +357,20 @@ def step(feel: Any, state: Any, piece: Any, torque: float, time: float, cycle: f
             break
         rate = _rate(piece, last)
         length = remaining if rate * remaining <= _REACH else _REACH / rate
-        terms = 10 if rate * length < 0.02 and piece.sine[0] == 0.0 and piece.sine[1] == 0.0 else TERMS
+        terms = _terms(piece, last, rate * length)
         _series(piece, last, length, terms)
         first = _events(piece, last)
         share, what = _first_event(piece, last, terms, length)
-        state.angle = _angle(piece, 0, share, terms)
-        state.velocity = _velocity(piece, 0, share, terms, length)
+        state.angle, state.velocity = piece.angle[0], piece.velocity[0]
         state.acceleration = _acceleration(piece, 0, share, terms, length)
         if last == 1:
-            state.aft_angle = _angle(piece, 1, share, terms)
-            state.aft_velocity = _velocity(piece, 1, share, terms, length)
+            state.aft_angle, state.aft_velocity = piece.angle[1], piece.velocity[1]
             state.aft_acceleration = _acceleration(piece, 1, share, terms, length)
         _arrive(state, piece, last, what - first)
         if share == 1.0 and length == remaining:
             break
         remaining -= share * length
-        if remaining <= 0.0:
+        if not remaining > 0.0:  # nor for a number that is none, in which there are no events
             break
     if last == 1:
         state.seat_angle, state.seat_velocity = state.aft_angle, state.aft_velocity

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from cls_bench.analysis import free_response, metrics
+from cls_bench.analysis.quasi_static import static_curve
 from cls_bench.errors import InputError
 from cls_bench.parameters import DEG, Gearbox
 from cls_bench.report.recorded_run import RecordedRun, Span
@@ -126,11 +128,9 @@ def static(run: RecordedRun, spans: Sequence[Span]) -> Iterator[Picture]:
         ax.plot(*thin_path(angle, torque), color=COLOR["measured"], label="column (measured)")
         ax.plot(*thin_path(model, torque), color=COLOR["model"], ls=(0, (4, 3)), label=run.set_label)
         if run.has_feel_model:
-            feel = w.parameters.feel
-            at = np.linspace(float(model.min()), float(model.max()), 801)
-            spring = np.array([free_response.spring_torque(feel, float(x) * DEG) for x in at])
-            for sign, label in ((1.0, "expected at standstill: springs ± friction"), (-1.0, "_")):
-                ax.plot(at, spring + sign * feel.friction, color=COLOR["expected"], lw=1.0, ls=":", label=label)
+            path = _to_and_fro(model)
+            asked = static_curve(w.parameters.feel, path * DEG)
+            ax.plot(path, asked, color=COLOR["expected"], lw=1.0, ls=":", label="expected of an infinitely slow sweep")
         _torque_axes(ax, run)
         ax.set_xlabel("")
         legend(ax, place="upper left")
@@ -139,7 +139,7 @@ def static(run: RecordedRun, spans: Sequence[Span]) -> Iterator[Picture]:
         error.set_xlabel("column angle φ [°]")
         error.sharex(ax)
         figure.align_ylabels()
-        dotted = "; the dotted lines follow from the parameters alone, without the damping a slow motion still feels."
+        dotted = "; the dotted line follows from the parameters alone, without the damping a slow motion still feels."
         yield Picture(
             f"static_{k}" if len(spans) > 1 else "static",
             "Static sweep: torque over displacement",
@@ -148,6 +148,29 @@ def static(run: RecordedRun, spans: Sequence[Span]) -> Iterator[Picture]:
             + (dotted if run.has_feel_model else ", as the user's own controller renders them."),
             figure,
         )
+
+
+TURN_DEG = 0.2
+"""A reversal by less than this is none of the sweep's [deg]."""
+
+LEG = 200
+"""Points from one reversal of a sweep to the next."""
+
+
+def _to_and_fro(angle: Array) -> Array:
+    """The path of a sweep [deg]: straight from where it begins to each of its reversals, and to its end."""
+    turns, way, furthest = [float(angle[0])], 0.0, float(angle[0])
+    for x in thin_path(angle, angle)[0]:
+        if way == 0.0 and abs(x - furthest) > TURN_DEG:
+            way = math.copysign(1.0, x - furthest)
+        elif way * (furthest - x) > TURN_DEG:
+            turns.append(furthest)
+            way = -way
+        elif way * (x - furthest) <= 0.0:
+            continue
+        furthest = float(x) if way != 0.0 else furthest
+    turns.append(furthest)
+    return np.concatenate([np.linspace(a, b, LEG) for a, b in pairwise(turns)])
 
 
 def released(run: RecordedRun, spans: Sequence[Span]) -> Iterator[Picture]:

@@ -70,6 +70,11 @@ class Detents(Element):
             )
         if len(self.profile) == 1:
             raise ValueError("profile needs two values at least, or none for a sine")
+        if self.profile and (self.profile[0] < 0.0 or self.profile[-1] > 0.0):
+            raise ValueError(
+                "profile must not begin below 0 nor end above it: a detent that pushes out at its own edge has no rest "
+                "there"
+            )
         found = sorted(zip(self.place, self.width, strict=True))
         for (a, of_a), (b, of_b) in pairwise(found):
             if b - a < 0.5 * (of_a + of_b) * (1.0 - 1e-9):

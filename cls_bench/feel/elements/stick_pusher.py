@@ -17,8 +17,10 @@ def _each_cycle(feel: Any, state: Any, time: float, cycle: float) -> None:
     wanted = k.torque if k.engaged and (k.longest == 0.0 or s.since < k.longest) else 0.0
     if k.engaged:
         s.since += cycle
+    if k.torque != 0.0:
+        s.full = abs(k.torque)
     if k.ramp > 0.0:
-        step = abs(k.torque) / k.ramp * cycle
+        step = s.full / k.ramp * cycle  # of the last torque that was asked for: it falls when that is taken away
         s.level += min(max(wanted - s.level, -step), step)
     else:
         s.level = wanted
@@ -35,5 +37,5 @@ class StickPusher(Element):
     longest: float = quantity(0.0, "s", "longest time that it pushes, from its engagement; 0 is no end",
                               "assumed: as long as it is engaged", ge=0, le=1e4, live=True)  # fmt: skip
 
-    remembers = (("level", np.float64), ("since", np.float64))
+    remembers = (("level", np.float64), ("full", np.float64), ("since", np.float64))
     each_cycle = staticmethod(_each_cycle)

@@ -16,11 +16,11 @@ def _each_cycle(feel: Any, state: Any, time: float, cycle: float) -> None:
     wanted = k.torque
     if k.duty < 1.0 and time % k.period >= k.duty * k.period:
         wanted = 0.0
+    if k.torque > 0.0:
+        s.full = k.torque
     if k.ramp > 0.0:
-        step = k.torque / k.ramp * cycle if k.torque > 0.0 else s.fall * cycle
+        step = s.full / k.ramp * cycle  # of the last amplitude that was asked for: it falls when that is taken away
         s.level += min(max(wanted - s.level, -step), step)
-        if k.torque > 0.0:
-            s.fall = k.torque / k.ramp
     else:
         s.level = wanted
     if s.level > 0.0:
@@ -42,5 +42,5 @@ class StickShaker(Element):
     period: float = quantity(1.0, "s", "time from one burst to the next", "assumed: a burst a second", ge=0.01, le=100,
                              live=True)  # fmt: skip
 
-    remembers = (("level", np.float64), ("fall", np.float64))
+    remembers = (("level", np.float64), ("full", np.float64))
     each_cycle = staticmethod(_each_cycle)
