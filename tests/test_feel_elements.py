@@ -536,8 +536,9 @@ OVERRIDE = Case(
 )  # fmt: skip
 
 CASES = {
-    "linear": LINEAR, "force trim": RELEASED, "friction": COULOMB, "friction at rest": STATIC, "Stribeck": STRIBECK, "steep Stribeck": STEEP,
-    "aft Stribeck": AFT_STRIBECK, "centering": CENTERING, "detents": DETENTS, "gearing": GEARED,
+    "linear": LINEAR, "force trim": RELEASED, "friction": COULOMB, "friction at rest": STATIC, "Stribeck": STRIBECK,
+    "steep Stribeck": STEEP, "aft Stribeck": AFT_STRIBECK, "centering": CENTERING, "detents": DETENTS,
+    "gearing": GEARED,
     **{f"stop {k}": case for k, case in enumerate(STOPS)}, "friction without hydraulics": OFF_FRICTION,
     "rate": RATE, "trim": TRIM, "autopilot": AUTOPILOT, "clutch": CLUTCH, "shaker": SHAKER, "pusher": PUSHER,
     "vibration": VIBRATION, "gust": GUST, "coupled": COUPLED, "rattling": RATTLING, "slackening": SLACKENING,
