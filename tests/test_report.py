@@ -38,6 +38,12 @@ FIGURES = {
     "stability_moderate": ["squeezing", "squeezing_close", "overview"],
     "stability_severe": ["squeezing", "squeezing_close", "overview"],
     "gearbox_imperfections": ["imperfections", "evenness", "overview"],
+    "feel_two_body": ["static", "free_response_1", "free_response_2", "aft_side", "overview"],
+    "feel_detents": ["static", "overview"],
+    "feel_autopilot": ["aft_side", "overview"],
+    "feel_malfunctions": ["aft_side", "overview"],
+    "feel_shaker_pusher": ["evenness", "overview"],
+    "feel_trim": ["aft_side", "overview"],
 }
 
 

@@ -28,7 +28,7 @@ DEPARTURE = 1e-12
 """Speed [rad/s] that a body is given as friction lets it go, so that rounding does not stop it at once."""
 
 SLACK = 1e-9
-"""Torque [N·m] beyond friction at which a body at rest is let go: above rounding where both are equal from the start."""
+"""Torque [N·m] beyond friction at which a body at rest is let go: above rounding where both are equal at first."""
 
 PIECES = 10_000
 """Most pieces between reversals: far more than any response has that anyone would want to see."""

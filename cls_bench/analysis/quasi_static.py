@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from cls_bench.analysis.feel_laws import AFT, COLUMN, Laws
 from cls_bench.parameters import Feel
+from cls_bench.quantity import WIDEST
 
 Array = NDArray[np.float64]
 
@@ -149,19 +150,26 @@ class Led:
                 self._slides = way if slides else 0.0
                 return
             way = math.copysign(1.0, net)
-        self._settle()
+        self.aft, self._slides = _balanced(laws, column, self.aft), 0.0
 
-    def _settle(self) -> None:
-        """The nearest equilibrium, for a motion that nothing brings to rest."""
-        way, low = self._sign(self.aft), self.aft
-        self._slides = 0.0
-        while abs(low) < 10.0:
-            high = low + way * STEP
-            above, below = way * self._net(low), way * self._net(high)
-            if below <= 0.0:
-                self.aft = _root(lambda y: way * self._net(y), low, high, above, below)
-                return
-            low = high
+
+def balanced(laws: Laws, column: float) -> float:
+    """Where an aft body is in balance without friction [rad], the nearest place to the ``column`` that is."""
+    return _balanced(laws, column, column)
+
+
+def _balanced(laws: Laws, column: float, start: float) -> float:
+    def net(aft: float) -> float:
+        return laws.link(column - aft) - laws.aft(aft)
+
+    way, low = math.copysign(1.0, net(start)), start
+    while abs(low) < WIDEST:
+        high = low + way * STEP
+        above, below = way * net(low), way * net(high)
+        if below <= 0.0:
+            return _root(lambda y: way * net(y), low, high, above, below)
+        low = high
+    return start
 
 
 def slow_friction(laws: Laws, body: int) -> float:

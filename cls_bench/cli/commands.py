@@ -6,7 +6,7 @@ from typing import Any, NoReturn
 
 import click
 
-from cls_bench.cli import basics, report, rigs, stability
+from cls_bench.cli import basics, feel, report, rigs, stability
 from cls_bench.cli.failures import Debug
 from cls_bench.cli.failures import report as report_failure
 from cls_bench.cli.sweep import sweep
@@ -56,7 +56,7 @@ def group() -> None:
 
 group.help = f"{group.help}\n\nExit codes: {', '.join(f'{code:d} {code.title}' for code in ExitCode)}."
 
-for _command in (basics.run, basics.list_, basics.validate, basics.schema, rigs.rigs):
+for _command in (basics.run, basics.list_, basics.validate, basics.schema, rigs.rigs, feel.feel):
     group.add_command(_command)
 group.add_command(sweep)
 group.add_command(view)

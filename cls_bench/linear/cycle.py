@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
+from cls_bench.analysis.feel_laws import COLUMN, Laws
+from cls_bench.analysis.quasi_static import balanced
 from cls_bench.linear.forms import Forms, Lifted, delayed
 from cls_bench.linear.linkage import Levers, four_bar
 from cls_bench.linear.plant import MOTOR, Plant
@@ -63,18 +65,48 @@ def _low_pass(time: float, cycle: float) -> float:
     return 1.0 - math.exp(-cycle / time) if time > 0.0 else 1.0
 
 
-def _spring(feel: Feel) -> float:
-    """Stiffness of the feel model about neutral [N·m/rad]; inside its breakout the centering unit adds its own."""
-    centering = feel.centering.stiffness if feel.centering.breakout > 0 else 0.0
-    return feel.stiffness + centering
+@dataclass(frozen=True)
+class _Answer:
+    """The feel model over a PLC cycle with the torque held: state⁺ = transition · state + response · torque.
+
+    The state is angle and velocity of the body at the column, and of the aft body where there are two.
+    """
+
+    transition: Array
+    response: Array
+    acceleration: Array
+    """of the body at the column, over the state"""
+    of_torque: float
+    """and over the torque [1/(kg·m²)]"""
 
 
-def _answer(feel: Feel, cycle: float) -> tuple[Array, Array]:
-    """I φ̈ + d φ̇ + c φ = T over a PLC cycle with T held: transition of (φ, φ̇) and response to T."""
-    a = np.array([[0.0, 1.0, 0.0], [-_spring(feel), -feel.damping, 1.0], [0.0, 0.0, 0.0]])
-    a[1] /= feel.inertia
+def _answer(feel: Feel, cycle: float) -> _Answer:
+    """Exact for small motion about the trimmed position, by the matrix exponential.
+
+    Everything that has a slope there takes part: springs, detents, hinge moment, unbalance, servo, dampers, linkage. A
+    linkage with backlash is taken as in contact, as the meshes of the gearbox are; friction and a jammed body's motion
+    are none.
+    """
+    laws = Laws(feel)
+    count = 2 if laws.two else 1
+    aft = balanced(laws, feel.neutral) if laws.two else feel.neutral
+    at = laws.slopes(feel.neutral, aft)
+    stiffness = np.array([[at.column + at.link, -at.link], [-at.link, at.aft + at.link]])
+    damping = np.array([
+        [at.column_damping + at.link_damping, -at.link_damping],
+        [-at.link_damping, at.aft_damping + at.link_damping],
+    ])
+    a = np.zeros((2 * count + 1, 2 * count + 1))
+    for body in range(count):
+        if not laws.jammed[body]:
+            angle, velocity = 2 * body, 2 * body + 1
+            a[angle, velocity] = 1.0
+            a[velocity, 0:-1:2] = -stiffness[body, :count] / laws.inertia[body]
+            a[velocity, 1:-1:2] = -damping[body, :count] / laws.inertia[body]
+    if not laws.jammed[COLUMN]:
+        a[1, -1] = 1.0 / feel.inertia
     block = expm(a * cycle)
-    return block[:2, :2], block[:2, 2]
+    return _Answer(block[:-1, :-1], block[:-1, -1], a[1, :-1], float(a[1, -1]))
 
 
 class _Period:
@@ -89,10 +121,13 @@ class _Period:
         self._body = [*(f"q{k}" for k in range(n)), *(f"v{k}" for k in range(n)), "current"]
         held = ["torque", "angle", "velocity"]
         self._integral = p.plc.outer_loop == "position" and p.drive.position_integral_time > 0.0
+        self._model_states = ["feel_angle", "feel_velocity"]
+        if p.feel.bodies == "two":
+            self._model_states += ["aft_angle", "aft_velocity"]
         self._forms = Forms(
             [
                 *self._body, "amplifier", "encoder_before", "speed", "speed_integral", "output", "current_integral",
-                "feel_angle", "feel_velocity",
+                *self._model_states,
                 *(["position_integral"] if self._integral else []),
                 *(["acceleration", "velocity_before"] if compensation is not None else []),
                 *delayed(["voltage"], p.drive.voltage_latency),
@@ -178,11 +213,13 @@ class _Period:
             if self._closed:
                 torque = torque + self._compensation.inertia * v["acceleration"]
             measured = measured + self._compensation.inertia * v["acceleration"]
-        start = seen if p.plc.outer_loop == "velocity" else v["feel_angle"]
-        transition, response = self._feel
-        angle, velocity = transition @ np.array([start, v["feel_velocity"]]) + np.outer(response, torque)
-        v["feel_angle"], v["feel_velocity"] = angle, velocity
-        acceleration = (torque - _spring(p.feel) * angle - p.feel.damping * velocity) / p.feel.inertia
+        if p.plc.outer_loop == "velocity":
+            v["feel_angle"] = seen
+        answer, before = self._feel, np.array([v[name] for name in self._model_states])
+        after = answer.transition @ before + np.outer(answer.response, torque)
+        v.update(zip(self._model_states, after, strict=True))
+        angle, velocity = after[0], after[1]
+        acceleration = answer.acceleration @ after + answer.of_torque * torque
         if not self._model:
             angle, velocity, acceleration = f.zero(), f.zero(), f.zero()
         set_angle = angle + f.source["angle", tick]

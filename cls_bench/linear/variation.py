@@ -115,11 +115,16 @@ def changed(p: Parameters, key: str, value: Any) -> Parameters:
 def ideal(p: Parameters) -> Parameters:
     """``p`` without what is not linear or not exact: friction, backlash, cogging, tooth errors, noise, coarse counts.
 
-    A worm no longer locks itself.
+    A worm no longer locks itself; the feel model's gusts, shaker and vibration are off.
     """
     exact = {"drag": 0.0, "efficiency": 1.0, "backdrive_efficiency": 1.0, "backlash": 0.0, "transmission_error": 0.0}
+    calm = (
+        "friction", "static_friction", "aft.friction", "aft.static_friction", "hydraulics.off_friction",
+        "linkage.backlash", "gust.torque", "shaker.torque", "disturbance.vibration",
+    )
     return override(p, {
         **{f"gearbox.stage{k}.{key}": value for k in range(1, p.gearbox.stages + 1) for key, value in exact.items()},
-        "motor.cogging_amplitude": 0.0, "column.coulomb_friction": 0.0, "feel.friction": 0.0,
+        **{f"feel.{key}": 0.0 for key in calm},
+        "motor.cogging_amplitude": 0.0, "column.coulomb_friction": 0.0,
         "encoder.noise": 0.0, "encoder.interpolation": 65536, "load_cell.noise": 0.0,
     })  # fmt: skip

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -11,10 +12,11 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from cls_bench.analysis import free_response, metrics
+from cls_bench.analysis.quasi_static import static_curve
 from cls_bench.errors import InputError
 from cls_bench.parameters import DEG, Gearbox
 from cls_bench.report.recorded_run import RecordedRun, Span
-from cls_bench.report.style import COLOR, legend, new_figure, new_pair, room_above, thin, thin_path
+from cls_bench.report.style import COLOR, legend, new_figure, new_pair, room_above, thin, thin_path, torque_axes
 from cls_bench.text import printable
 
 Array = NDArray[np.float64]
@@ -60,6 +62,8 @@ def _of_axis(run: RecordedRun, left_out: list[str]) -> Iterator[Picture]:
         spans = run.spans(*names, signal=signal)
         if spans:
             yield from _drawn(draw, run, spans, left_out)
+    if any((check.signal or "").rpartition(".")[0].endswith("/surface") for check in run.scenario.checks):
+        yield from _drawn(lambda run, spans: [aft_side(run)], run, [], left_out)
     yield from _drawn(lambda run, spans: [overview(run)], run, [], left_out)
 
 
@@ -109,15 +113,7 @@ def _power_look(run: RecordedRun, span: Span) -> tuple[str, str]:
 
 
 def _torque_axes(ax: Axes, run: RecordedRun) -> None:
-    ax.set_xlabel("column angle φ [°]")
-    ax.set_ylabel("torque T_meas [N·m]")
-    height = run.scenario.parameters_at_start().column.grip_height
-
-    scales: tuple[Any, Any] = (lambda torque: torque / height, lambda force: force * height)
-    side = ax.secondary_yaxis("right", functions=scales)
-    side.set_ylabel("as a force at the grip [N]", color=COLOR["ink"])
-    side.tick_params(color=COLOR["muted"], labelcolor=COLOR["ink"])
-    side.spines["right"].set_color(COLOR["muted"])
+    torque_axes(ax, run.scenario.parameters_at_start().column.grip_height, "torque T_meas [N·m]")
 
 
 # --- feel model: static sweep and free response ----------------------------------------------------------------------
@@ -132,11 +128,9 @@ def static(run: RecordedRun, spans: Sequence[Span]) -> Iterator[Picture]:
         ax.plot(*thin_path(angle, torque), color=COLOR["measured"], label="column (measured)")
         ax.plot(*thin_path(model, torque), color=COLOR["model"], ls=(0, (4, 3)), label=run.set_label)
         if run.has_feel_model:
-            feel = w.parameters.feel
-            at = np.linspace(float(model.min()), float(model.max()), 801)
-            spring = np.array([free_response.spring_torque(feel, float(x) * DEG) for x in at])
-            for sign, label in ((1.0, "expected at standstill: springs ± friction"), (-1.0, "_")):
-                ax.plot(at, spring + sign * feel.friction, color=COLOR["expected"], lw=1.0, ls=":", label=label)
+            path = _to_and_fro(model)
+            asked = static_curve(w.parameters.feel, path * DEG)
+            ax.plot(path, asked, color=COLOR["expected"], lw=1.0, ls=":", label="expected of an infinitely slow sweep")
         _torque_axes(ax, run)
         ax.set_xlabel("")
         legend(ax, place="upper left")
@@ -145,7 +139,7 @@ def static(run: RecordedRun, spans: Sequence[Span]) -> Iterator[Picture]:
         error.set_xlabel("column angle φ [°]")
         error.sharex(ax)
         figure.align_ylabels()
-        dotted = "; the dotted lines follow from the parameters alone, without the damping a slow motion still feels."
+        dotted = "; the dotted line follows from the parameters alone, without the damping a slow motion still feels."
         yield Picture(
             f"static_{k}" if len(spans) > 1 else "static",
             "Static sweep: torque over displacement",
@@ -154,6 +148,29 @@ def static(run: RecordedRun, spans: Sequence[Span]) -> Iterator[Picture]:
             + (dotted if run.has_feel_model else ", as the user's own controller renders them."),
             figure,
         )
+
+
+TURN_DEG = 0.2
+"""A reversal by less than this is none of the sweep's [deg]."""
+
+LEG = 200
+"""Points from one reversal of a sweep to the next."""
+
+
+def _to_and_fro(angle: Array) -> Array:
+    """The path of a sweep [deg]: straight from where it begins to each of its reversals, and to its end."""
+    turns, way, furthest = [float(angle[0])], 0.0, float(angle[0])
+    for x in thin_path(angle, angle)[0]:
+        if way == 0.0 and abs(x - furthest) > TURN_DEG:
+            way = math.copysign(1.0, x - furthest)
+        elif way * (furthest - x) > TURN_DEG:
+            turns.append(furthest)
+            way = -way
+        elif way * (x - furthest) <= 0.0:
+            continue
+        furthest = float(x) if way != 0.0 else furthest
+    turns.append(furthest)
+    return np.concatenate([np.linspace(a, b, LEG) for a, b in pairwise(turns)])
 
 
 def released(run: RecordedRun, spans: Sequence[Span]) -> Iterator[Picture]:
@@ -400,6 +417,46 @@ def mesh_orders(box: Gearbox) -> list[tuple[int, float]]:
             found.append((number, stage.teeth * passing * turns))
         turns /= stage.ratio
     return found
+
+
+# --- aft side --------------------------------------------------------------------------------------------------------
+
+
+def aft_side(run: RecordedRun) -> Picture:
+    """Where surface and trim are, and what pulls at the column from behind, over the whole run."""
+    w = run.whole
+    figure, (angle, torque) = new_figure(2, height=5.6, shares=(1, 1.1))
+    for signal, color, label, style in (
+        ("/surface.deflection", "third", "surface δ", "-"), ("/feel.angle", "model", "column (model)", "--"),
+        ("/surface.trim", "expected", "trim", ":"),
+    ):  # fmt: skip
+        x, y = thin(w.time, w[signal] / DEG)
+        angle.plot(x, y, style, color=COLOR[color], label=label)
+    angle.set_ylabel("angle [°]")
+    drawn = []
+    for signal, color, label, style in (
+        ("/column.torque", "pilot", "pilot", "-"), ("/surface.cable_torque", "measured", "linkage", "-"),
+        ("/surface.feel_torque", "model", "feel unit", "--"), ("/surface.autopilot_torque", "error", "autopilot", "-"),
+        ("/surface.hinge_moment", "third", "hinge moment at the surface", "--"),
+    ):  # fmt: skip
+        values = w[signal]
+        if np.any(values != 0.0):  # an element that is not there has no curve
+            x, y = thin(w.time, values)
+            torque.plot(x, y, style, color=COLOR[color], label=label)
+            drawn.append(label)
+    torque.set_ylabel("torque [N·m]")
+    torque.set_xlabel("time [s]")
+    for change in run.scenario.changes:
+        for ax in (angle, torque):
+            ax.axvline(change.at, color=COLOR["muted"], lw=0.8, ls=":")
+    legend(angle, columns=3, place="upper right")
+    legend(torque, columns=3, place="upper right")
+    room_above(angle, 0.15)
+    room_above(torque, 0.30)
+    figure.align_ylabels()
+    changes = "; dotted upright lines are the changes of the run" if run.scenario.changes else ""
+    caption = f"Angles of column, surface and trim, and the torques of {', '.join(drawn)}{changes}."
+    return Picture("aft_side", "Behind the column", caption, figure)
 
 
 # --- overview --------------------------------------------------------------------------------------------------------

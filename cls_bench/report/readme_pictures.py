@@ -53,7 +53,19 @@ def main(docs: Path) -> None:
                 rendering.save_still(Recording(result.mcap), BREAKS_AWAY_S, folder / "bench.png", (1280, 960))
             print(name, result.status, flush=True)
     (docs / "gallery.md").write_text("\n".join(page), encoding="utf-8")
+    feel(folder / "feel.png")
     rigs(folder / "rigs.png")
+
+
+def feel(path: Path) -> None:
+    """What `cls-bench feel` draws of the two bodies."""
+    from cls_bench.report import style
+    from cls_bench.report.feel_figure import feel_figure, felt
+    from cls_bench.scenario import load_scenario
+
+    scenario = load_scenario("feel_two_body")
+    p = scenario.parameters_at_start()
+    style.save_png(feel_figure(p, felt(p), scenario.title), path)
 
 
 def rigs(path: Path) -> None:

@@ -113,6 +113,17 @@ def legend(ax: Axes, *, columns: int = 1, place: Any = "best") -> None:
         ax.legend(ncols=columns, loc=place)
 
 
+def torque_axes(ax: Axes, height: float, label: str) -> None:
+    """Torque over the column's angle, with the force at a grip of ``height`` [m] on the right."""
+    ax.set_xlabel("column angle φ [°]")
+    ax.set_ylabel(label)
+    scales: tuple[Any, Any] = (lambda torque: torque / height, lambda force: force * height)
+    side = ax.secondary_yaxis("right", functions=scales)
+    side.set_ylabel("as a force at the grip [N]", color=COLOR["ink"])
+    side.tick_params(color=COLOR["muted"], labelcolor=COLOR["ink"])
+    side.spines["right"].set_color(COLOR["muted"])
+
+
 def room_above(ax: Axes, share: float) -> None:
     """Extend the y axis upwards by ``share`` of its length, for a legend."""
     low, high = ax.get_ylim()

@@ -26,13 +26,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cls_bench.analysis.feel_laws import AFT, Laws
 from cls_bench.analysis.frequency import FrequencyResponse
+from cls_bench.analysis.quasi_static import balanced
 from cls_bench.bench import Bench
 from cls_bench.errors import InputError, TrippedError
 from cls_bench.linear.bench import LinearBench
 from cls_bench.linear.hand import Hand
 from cls_bench.linear.prediction import HIGHEST
 from cls_bench.linear.variation import Setup
+from cls_bench.parameters import Feel
 from cls_bench.pilot import chirp, constant, faded, sine
 from cls_bench.signals import Clock
 from cls_bench.stability import driving
@@ -221,9 +224,7 @@ def _probed(setup: Setup, loop: str, signal: _Signal, make_loop: MakeLoop | None
 
     rate = np.gradient(signal.angle, plc_s)
     if loop == "outer-loop":
-        # Torque that makes the feel model move by about the wanted angle: T = I φ̈ + d φ̇ + c φ.
-        feel = p.feel
-        torque = feel.inertia * np.gradient(rate, plc_s) + feel.damping * rate + feel.stiffness * signal.angle
+        torque = _torque_for(p.feel, signal.angle, plc_s)
         probe = Probe((make_loop or BuiltIn)(p.for_control), torque=over_time(torque), opened=True)
         source = "torque"
     elif velocity_mode:
@@ -280,6 +281,28 @@ def _probed(setup: Setup, loop: str, signal: _Signal, make_loop: MakeLoop | None
     names = {"velocity-loop": ("T_v", "L_v"), "position-loop": ("P", "L_p"), "outer-loop": ("", "G")}[loop]
     (c, pc), (o, po) = response(closed, names[0]), response(opened, names[1])
     return Measured(loop, c, o, pc, po, cycles * plc_s, limited)
+
+
+def _torque_for(feel: Feel, angle: Array, cycle: float) -> Array:
+    """Torque that makes the feel model's column move by about ``angle``: T = I φ̈ + d φ̇ + c φ, and the linkage's."""
+    from scipy.signal import StateSpace, lsim
+
+    laws = Laws(feel)
+    at = laws.slopes(feel.neutral, balanced(laws, feel.neutral) if laws.two else feel.neutral)
+    rate = np.gradient(angle, cycle)
+    torque = feel.inertia * np.gradient(rate, cycle) + at.column_damping * rate + at.column * angle
+    if at.link == 0.0:
+        return torque
+    aft = np.zeros_like(angle)
+    aft_rate = np.zeros_like(angle)
+    if not laws.jammed[AFT]:
+        a = np.array([[0.0, 1.0], [-(at.aft + at.link), -(at.aft_damping + at.link_damping)]])
+        b = np.array([[0.0, 0.0], [at.link, at.link_damping]])
+        a[1], b[1] = a[1] / feel.aft.inertia, b[1] / feel.aft.inertia
+        model = StateSpace(a, b, np.eye(2), np.zeros((2, 2)))
+        _, moved, _ = lsim(model, np.stack([angle, rate], axis=1), cycle * np.arange(len(angle)))
+        aft, aft_rate = moved[:, 0], moved[:, 1]
+    return np.asarray(torque + at.link * (angle - aft) + at.link_damping * (rate - aft_rate))
 
 
 def _holding(hand: Hand, duration: float) -> Script:

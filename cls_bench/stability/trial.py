@@ -3,8 +3,8 @@
 The standard trial has the hand on the column from the start, at the squeeze in question. Either it holds still, or it
 moves the column from −10° to 10° at a constant rate (one that pushes with a force alone sways it): in motion the
 gearbox slides all the time, so its friction does not hold an oscillation back as it does at rest (the pilot of thesis
-4.4 pulls the column and then squeezes). Then a short torque pulse strikes the feel model (T_dis of thesis 3.5.2), as a
-tap on the control surface would, and from then on the oscillation of the column is fitted in windows of 0.12 s
+4.4 pulls the column and then squeezes). Then a short torque pulse strikes the feel model, at the column's side where
+it has two bodies, and from then on the oscillation of the column is fitted in windows of 0.12 s
 (:mod:`cls_bench.analysis.growth`).
 
 The run ends as soon as the windows agree: four in a row with growth rates that agree, or a safety trip. Where friction
@@ -150,16 +150,18 @@ def script(setup: Setup, standard: Standard, *, pulse: bool = True) -> Script:
             parts.append(Part(_MOTION_AT, ramp(-end, end, over)))
     changes = []
     if pulse:
-        before, torque = setup.parameters.feel.disturbance.torque, standard.pulse * setup.parameters.feel.inertia
+        before, torque = setup.parameters.feel.down_spring.torque, standard.pulse * setup.parameters.feel.inertia
         start, end = standard.pulse_at, standard.pulse_at + standard.pulse_time
-        changes = [Change(start, _disturbed(before + torque)), Change(end, _disturbed(before))]
+        changes = [Change(start, _pushed(before + torque)), Change(end, _pushed(before))]
     return Script(hand, standard.duration, parts, changes)
 
 
-def _disturbed(torque: float) -> Callable[[Bench], None]:
+def _pushed(torque: float) -> Callable[[Bench], None]:
+    """A constant torque on the feel model's body at the column, which is where a down-spring acts."""
+
     def make(bench: Bench) -> None:
         feel = bench.parameters.feel
-        feel = feel.model_copy(update={"disturbance": feel.disturbance.model_copy(update={"torque": torque})})
+        feel = feel.model_copy(update={"down_spring": feel.down_spring.model_copy(update={"torque": torque})})
         bench.change(bench.parameters.model_copy(update={"feel": feel}))
 
     return make

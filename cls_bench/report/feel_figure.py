@@ -1,0 +1,108 @@
+"""A feel model at a glance: torque over displacement in a slow sweep, and the free response; no bench is run."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from cls_bench.analysis.free_response import expected_response
+from cls_bench.analysis.quasi_static import static_curve
+from cls_bench.parameters import DEG, Parameters
+from cls_bench.report.style import COLOR, legend, new_pair, room_above, torque_axes
+
+Array = NDArray[np.float64]
+
+POINTS = 400
+"""Points of a sweep from one end to the other."""
+
+BEYOND = 0.5 * DEG
+"""How far the sweep goes beyond the column's travel limit [rad]."""
+
+_NOTICED = 0.005
+"""Share of the way that is no overshoot yet."""
+
+
+class Felt(NamedTuple):
+    """What a feel model is like, from its parameters alone."""
+
+    angle: Array
+    """column angles of a slow sweep from neutral forward, aft and back again [rad]"""
+    torque: Array
+    """of the hand that leads it [N·m]"""
+    time: Array
+    """since the release [s]"""
+    released: Array
+    """column angle, let go from the first one at rest [rad]"""
+
+
+def felt(p: Parameters, *, travel: float = 0.0, release: float = 0.0, time: float = 3.0) -> Felt:
+    """Static curve and free response of the feel model of ``p``.
+
+    The sweep goes to ±``travel`` [rad], by default beyond the column's travel limits as far as rig and model go; the
+    column is let go from ``release`` [rad], by default half the way to the nearest limit.
+    """
+    limit = p.feel.forward_limit
+    reach = p.column.stop_angle
+    forward = travel or min(limit.angle + BEYOND, reach)
+    back = travel or min(limit.back + BEYOND, reach)
+    path = np.concatenate([
+        np.linspace(0.0, forward, POINTS // 2), np.linspace(forward, -back, POINTS)[1:],
+        np.linspace(-back, forward, POINTS)[1:],
+    ])  # fmt: skip
+    start = release or 0.5 * min(p.feel.aft_limit.angle, limit.angle, reach)
+    times = np.linspace(0.0, time, 1501)
+    return Felt(path, static_curve(p.feel, path), times, expected_response(p, start, times))
+
+
+def feel_figure(p: Parameters, found: Felt, title: str) -> Figure:
+    """The two in one figure."""
+    figure, (static, free) = new_pair(height=7.2, shares=(1.5, 1))
+    first = POINTS // 2 - 1  # the way out from neutral is gone over again on the way back
+    static.plot(found.angle[first:] / DEG, found.torque[first:], color=COLOR["model"], label="slow sweep, both ways")
+    static.set_title(title, loc="left", fontsize=10.5, fontweight="bold")
+    torque_axes(static, p.column.grip_height, "torque of the hand [N·m]")
+    marks = [("aft limit", p.feel.aft_limit), ("column's limit", p.feel.forward_limit)]
+    low, high = (float(x) / DEG for x in (found.angle.min(), found.angle.max()))
+    for name, stop in marks:
+        for at in (stop.angle / DEG, -stop.back / DEG):
+            if low < at < high and stop.stiffness > 0.0:
+                static.axvline(at, color=COLOR["muted"], lw=0.8, ls=":")
+                static.annotate(
+                    name, (at, 0.5 + math.copysign(0.46, -at)), xycoords=("data", "axes fraction"), rotation=90,
+                    va="bottom" if at > 0.0 else "top", ha="right" if at > 0.0 else "left", fontsize=8.5,
+                    color=COLOR["muted"],
+                )  # fmt: skip
+    legend(static, place="upper center")
+    free.plot(found.time, found.released / DEG, color=COLOR["model"], label="let go at rest")
+    free.axhline(p.feel.neutral / DEG, color=COLOR["muted"], lw=0.8, ls=":")
+    free.set_xlabel("time since release [s]")
+    free.set_ylabel("column angle φ [°]")
+    legend(free, place="upper right")
+    room_above(free, 0.05)
+    figure.align_ylabels()
+    return figure
+
+
+class Swing(NamedTuple):
+    """How the free response swings about the place where it comes to rest."""
+
+    crossing: float
+    """time at which it first passes that place [s]; NaN if it never does"""
+    overshoot: float
+    """how far it then goes, as a share of the way that it came [1]"""
+    frequency: float
+    """of the swing, from the first crossing to the second [Hz]; NaN if there is none"""
+
+
+def swing(found: Felt) -> Swing:
+    """The swing of a free response."""
+    x = (found.released - found.released[-1]) / (found.released[0] - found.released[-1] or 1.0)
+    crossings = np.flatnonzero((x[:-1] > 0.0) != (x[1:] > 0.0))
+    if not len(crossings) or np.min(x) > -_NOTICED:
+        return Swing(math.nan, 0.0, math.nan)
+    first = float(found.time[crossings[0]])
+    if len(crossings) < 2 or np.max(x[crossings[1] :]) < _NOTICED:
+        return Swing(first, -float(np.min(x)), math.nan)
+    return Swing(first, -float(np.min(x)), 0.5 / (float(found.time[crossings[1]]) - first))
