@@ -219,7 +219,7 @@ motion(feel_of(ELASTIC), 0.0, 200, (0.12, 0.4, 0.08, -0.8))
 found["elastic"] = max(counts), sum(counts) / 200
 steep = feel_of({"inertia": 0.01, "damping": 0.0, "friction": 5.0, "static_friction": 20.0, "stribeck_velocity": 1e-4})
 counts = [0]
-motion(steep, 30.0, 20, (0.0, 1.0))
+motion(steep, 30.0, 20)
 found["steep"] = max(counts), sum(counts) / 20
 print(json.dumps(found))
 """
