@@ -220,11 +220,11 @@ def test_released_with_friction_it_comes_to_rest_inside_the_stiction_band():
 
 def test_static_torque_over_angle():
     """At rest under a torque, the springs answer with it: neutral offset, centering unit, both limits in series."""
-    f = Feel(**{**FULL, "friction": 0.0, "damping": 20.0})
-    r = record(**{**FULL, "friction": 0.0, "damping": 20.0}).feel
+    f = Feel(**{**FULL, "friction": 0.0, "damping": 10.0})
+    r = record(**{**FULL, "friction": 0.0, "damping": 10.0}).feel
     for torque in (-60.0, -8.0, -1.0, -0.5, 0.0, 0.5, 1.0, 8.0, 60.0):
         state = at(0.0)
-        for _ in range(25_000):
+        for _ in range(12_000):
             step(r, state, torque, PLC_S)
         assert torques(f, state.angle, 0.0) == pytest.approx(torque, abs=1e-6)
         if torque == 0.0:

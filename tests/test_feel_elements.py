@@ -165,6 +165,8 @@ STRIBECK = Case(
     {"stribeck_velocity": 0.06, "static_friction": 1.0, "friction": 0.5, "inertia": 0.31},
     start=(0.0, 0.15), columns=(1,),
 )  # fmt: skip
+STEEP = Case({**STRIBECK.base, "stribeck_velocity": 2e-3}, STRIBECK.oracle, {"stribeck_velocity": 3e-3},
+             STRIBECK.start, columns=(1,))  # fmt: skip
 AFT_STRIBECK = Case(
     {"bodies": "two", "linkage.connected": False, "aft.friction": 0.4, "aft.static_friction": 0.9,
      "aft.stribeck_velocity": 0.05},
@@ -535,7 +537,8 @@ OVERRIDE = Case(
 
 CASES = {
     "linear": LINEAR, "force trim": RELEASED, "friction": COULOMB, "friction at rest": STATIC, "Stribeck": STRIBECK,
-    "aft Stribeck": AFT_STRIBECK, "centering": CENTERING, "detents": DETENTS, "gearing": GEARED,
+    "steep Stribeck": STEEP, "aft Stribeck": AFT_STRIBECK, "centering": CENTERING, "detents": DETENTS,
+    "gearing": GEARED,
     **{f"stop {k}": case for k, case in enumerate(STOPS)}, "friction without hydraulics": OFF_FRICTION,
     "rate": RATE, "trim": TRIM, "autopilot": AUTOPILOT, "clutch": CLUTCH, "shaker": SHAKER, "pusher": PUSHER,
     "vibration": VIBRATION, "gust": GUST, "coupled": COUPLED, "rattling": RATTLING, "slackening": SLACKENING,

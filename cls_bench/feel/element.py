@@ -39,8 +39,8 @@ MOMENT = 1e-10
 TERMS = 22
 """Places for the terms of a power series."""
 
-CONDITIONS = 24
-"""Places for conditions in a piece."""
+CONDITIONS = 40
+"""Places for conditions in a piece; all elements of today together take 19."""
 
 Law = Callable[..., None]
 

@@ -20,7 +20,7 @@ import math
 from typing import Any
 
 from cls_bench.compiled import compiled
-from cls_bench.feel.element import MOMENT, NUDGE, TERMS, push
+from cls_bench.feel.element import MOMENT, NUDGE, TERMS, condition, push
 from cls_bench.feel.model import act, each_cycle, show
 
 PIECES = 1 << 20
@@ -31,6 +31,10 @@ _REACH = 0.4
 
 _SOON = 1e-9
 """Shortest piece, as a share of what was left of the cycle: an event at hand does not stop time."""
+
+
+_CURVE_ENDS = 32.0
+"""Speed, in Stribeck velocities, from which on nothing is left of Stribeck's curve: e⁻³² is 1e-14."""
 
 
 @compiled
@@ -71,6 +75,16 @@ def _look(feel: Any, state: Any, piece: Any) -> None:
         apart_way = _sign(piece.way[0] - piece.way[1])
     piece.apart_ahead = state.angle - state.aft_angle + apart_way * NUDGE
     act(feel, state, piece)
+    for i in range(2):
+        if piece.stribeck[i] > 0.0:
+            end, speed = _CURVE_ENDS * piece.stribeck[i], abs(piece.velocity[i])
+            if piece.static[i] <= piece.coulomb[i]:
+                piece.stribeck[i] = 0.0
+            elif speed > end:
+                piece.stribeck[i] = 0.0
+                condition(piece, i, 0.0, piece.way[i], -end)
+            else:
+                condition(piece, i, 0.0, -piece.way[i], end)
 
 
 @compiled
@@ -130,8 +144,10 @@ def _rate(piece: Any, last: int) -> float:
             rate += piece.sine_wave[i] * abs(piece.velocity[i])
             squares += piece.sine_wave[i] * abs(_net(piece, i)) / piece.inertia[i]
         if piece.stribeck[i] > 0.0:
-            damping += (piece.static[i] - piece.coulomb[i]) / piece.stribeck[i]
-            rate += abs(_net(piece, i)) / (piece.inertia[i] * piece.stribeck[i])
+            over = (piece.static[i] - piece.coulomb[i]) * math.exp(-abs(piece.velocity[i]) / piece.stribeck[i])
+            net = _net(piece, i) - piece.damping[i] * piece.velocity[i] - piece.way[i] * (piece.coulomb[i] + over)
+            damping += over / piece.stribeck[i]
+            rate += abs(net) / (piece.inertia[i] * piece.stribeck[i])
         squares += stiffness / piece.inertia[i]
         rate += damping / piece.inertia[i]
     return rate + math.sqrt(squares)

@@ -76,6 +76,7 @@ def motion(
     changes = [(0, feel)] if isinstance(feel, Feel) else list(feel)
     model = Model(changes[0][1], start)
     at = dict(changes)
+    numbers = np.frombuffer(model.state, dtype=float)[: STATE.names.index("torque")]  # all of them are
     rows = []
     for k in range(cycles):
         if k in at:
@@ -83,5 +84,6 @@ def motion(
         if white is not None:
             model.state.gust.white = white[k]
         model.step(torque if isinstance(torque, (int, float)) else torque[k], cycle)
-        rows.append([getattr(model.state, name) for name in COLUMNS] if of is None else of(model.state))
-    return np.array(rows, dtype=float)
+        rows.append(numbers.copy() if of is None else of(model.state))
+    found = np.array(rows, dtype=float)
+    return found if of is not None else found[:, [STATE.names.index(name) for name in COLUMNS]]

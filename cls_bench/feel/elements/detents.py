@@ -5,7 +5,8 @@ Within half a width of its place a detent drives back to it, by default with a t
     T = −torque · sin(2π (φ − place) / width)
 
 ``profile`` replaces the sine by torques from −width/2 to width/2, equally spaced, as shares of the peak, straight in
-between; outside a detent is silent.
+between, positive forward; outside a detent is silent, so a profile may not begin below 0 nor end above it: at such an
+edge the control would be pushed out by the detent and in by the springs.
 """
 
 import math
