@@ -159,8 +159,8 @@ def plain() -> Callable[[], float]:
         trace = bench._room(at, ticks)._replace(tick=none, drive=none, plc=none)
         start = time.perf_counter()
         loop.advance(
-            bench.plant, bodies, bench._watched, hand, noise, trace, bench._bodies, bench._cycles, bench._bound,
-            bench._warned, at, ticks, 0,
+            bench.plant, bodies, bench._watched, hand, noise, trace, bench._bodies, bench._cycles,
+            *getattr(bench, "_courses", ()), bench._bound, bench._warned, at, ticks, 0,
         )  # fmt: skip
         at += ticks
         return (time.perf_counter() - start) / ticks

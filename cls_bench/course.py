@@ -21,7 +21,7 @@ STRAIGHT, SMOOTH = range(2)
 PIECE = np.dtype(
     [
         ("begin", np.float64), ("span", np.float64),  # [ticks]; a span of 0 is a step
-        ("start", np.float64), ("end", np.float64),  # [unit of the parameter]
+        ("start", np.float64), ("end", np.float64),  # [unit of the parameter]; of a step, the value before and after
         ("way", np.int64),
     ]
 )  # fmt: skip
@@ -100,7 +100,7 @@ class Course:
 
     @property
     def end(self) -> float:
-        """The tick from which on it stays where it is."""
+        """The tick from which on, at the latest, it stays where it is."""
         return float(np.max(self.pieces["begin"] + self.pieces["span"]))
 
     @property
@@ -118,17 +118,16 @@ class Course:
         p = self.pieces
         changing = p["start"] != p["end"]
         until = np.append(p["begin"][1:], np.inf)
-        on_its_way = changing & (p["begin"] < last) & (np.minimum(p["begin"] + p["span"], until) > first)
-        if np.any(on_its_way & (p["span"] > 0.0)):
-            return True
-        inside = (p["begin"] > first) & (p["begin"] <= last)
-        return any(self.at(begin) != self.at(math.nextafter(begin, -math.inf)) for begin in p["begin"][inside])
+        on_its_way = (p["begin"] < last) & (np.minimum(p["begin"] + p["span"], until) > first)
+        jumps = (p["begin"] > first) & (p["begin"] <= last)
+        return bool(np.any(changing & np.where(p["span"] > 0.0, on_its_way, jumps)))
 
 
-def steps(ticks: ArrayLike, values: ArrayLike) -> NDArray[Any]:
-    """Pieces that jump to each of ``values`` at its tick."""
+def steps(ticks: ArrayLike, values: ArrayLike, *, start: float | None = None) -> NDArray[Any]:
+    """Pieces that jump to each of ``values`` at its tick, to the first one from ``start`` if that is known."""
     ends = np.asarray(values, np.float64)
-    return _pieces(ticks, np.zeros(len(ends)), ends, ends, STRAIGHT)
+    starts = np.append(ends[0] if start is None else start, ends[:-1])
+    return _pieces(ticks, np.zeros(len(ends)), starts, ends, STRAIGHT)
 
 
 def ramp(begin: float, span: float, start: float, end: float, *, smooth: bool = False) -> NDArray[Any]:
@@ -140,11 +139,12 @@ def lines(ticks: ArrayLike, values: ArrayLike) -> NDArray[Any]:
     """Straight lines between values at growing ticks; where nothing changes, one piece for all of it."""
     t, v = np.asarray(ticks, np.float64), np.asarray(values, np.float64)
     if len(t) == 1:
-        return steps(t, v)
+        return steps(t, v)  # a value that stays
     found = _pieces(t[:-1], np.diff(t), v[:-1], v[1:], STRAIGHT)
     flat = found["start"] == found["end"]
     again = np.append(False, flat[1:] & flat[:-1])
-    return found[~again]
+    kept: NDArray[Any] = found[~again]
+    return kept
 
 
 def _pieces(begin: ArrayLike, span: ArrayLike, start: ArrayLike, end: ArrayLike, way: int) -> NDArray[Any]:

@@ -191,9 +191,10 @@ def advance(
     """Run ``ticks`` ticks from ``first_tick`` on, the start of a PLC cycle; returns how many were run.
 
     Fewer are run only where a velocity is beyond ``limit`` [rad/s] or a state is not finite, MuJoCo warned
-    (``warned[0]``) or ``ask`` refuses. ``hand``, ``noise`` and ``trace`` belong to these ticks; ``courses`` are those of
-    parameters (:mod:`cls_bench.course`). Where a user's outer loop gives the set values of an axis (``state.external``), ``ask`` is called with tick · axes + axis, reads the
-    measurement there and writes them; it returns 0, or anything else to stop.
+    (``warned[0]``) or ``ask`` refuses. ``hand``, ``noise`` and ``trace`` belong to these ticks; ``courses`` and their
+    ``pieces`` (:mod:`cls_bench.course`) say which parameters move. Where a user's outer loop gives the set values of an
+    axis (``state.external``), ``ask`` is called with tick · axes + axis, reads the measurement there and writes them;
+    it returns 0, or anything else to stop.
     """
     count = axes.shape[0]
     # The next tick of each cycle, and the rows that were written of it: cheaper than a remainder in every tick.

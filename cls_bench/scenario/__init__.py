@@ -21,6 +21,6 @@ from cls_bench.scenario.segments import (
 
 __all__ = [
     "Aim", "Change", "Check", "Chirp", "Controller", "DriveStart", "ExpectedTrip", "Flight", "Hold", "Ramp", "Record",
-    "Release", "Samples", "Scenario", "Segment", "Sine", "Squeeze", "Step", "load_scenario", "parameters_of", "parse_scenario",
-    "scenario_schema",
+    "Release", "Samples", "Scenario", "Segment", "Sine", "Squeeze", "Step", "load_scenario", "parameters_of",
+    "parse_scenario", "scenario_schema",
 ]  # fmt: skip

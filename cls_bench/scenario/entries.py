@@ -61,7 +61,7 @@ class Change(SampleKeys):
         if (self.parameter is None) != (self.file is None):
             raise ValueError("parameter and file belong together: the one follows the samples of the other")
         if self.file is not None and (self.parameters or self.over is not None):
-            raise ValueError("a parameter that follows a file takes no other parameters and no over; add another change")
+            raise ValueError("a parameter that follows a file takes no other ones and no over; add another change")
         if self.over is not None and not self.parameters:
             raise ValueError("over is the time within which parameters move; give parameters")
         if self.over is not None and (self.power is not None or self.mode is not None):

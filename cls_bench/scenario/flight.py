@@ -179,7 +179,7 @@ def fly(flight: Flight, clock: Clock, duration: float, content: bytes | None) ->
     Raises FaultError.
     """
     cycle = max(1, round(HOST_CYCLE / clock.plc_s)) * clock.plc_ticks
-    ticks = np.arange(0, clock.tick_of(duration) + cycle, cycle, np.float64)
+    ticks = np.arange(0, clock.tick_of(duration) + cycle, cycle).astype(np.float64)
     times = ticks * clock.tick_s
     notes: list[str] = []
     given = dict(_given(flight, times, duration, content, notes))
@@ -190,7 +190,8 @@ def fly(flight: Flight, clock: Clock, duration: float, content: bytes | None) ->
     for key, name in _DIRECT.items():
         if name in given:
             told[key] = given[name] * (DEG if name.endswith("_deg") else 1.0)
-    start, courses = {}, {}
+    start: dict[str, float] = {}
+    courses: dict[str, Course] = {}
     line = _line(flight, given)
     for key, values in told.items():
         start[f"feel.flight.{key}"] = float(values[0])

@@ -26,7 +26,7 @@ from cls_bench.text import escaped
 MOST_LINES = 20
 """Jumps of one parameter that the log tells one by one."""
 
-PROBES = (0.0, 0.25, 0.5, 0.75)
+PROBES = (0.0, 0.25, 0.5, 0.75, 1.0)
 """Shares of the way at which the rules that join several parameters are checked."""
 
 
@@ -47,11 +47,6 @@ class Motion(NamedTuple):
     switches: Sequence[Switch]
     probes: Sequence[tuple[str, float]]
     """key of a change, and tick of a moment on its way"""
-
-
-def plc_cycle(clock: Clock, time: float) -> int:
-    """First tick of the PLC cycle in which what is to happen at ``time`` [s] does."""
-    return -(-clock.tick_of(time) // clock.plc_ticks) * clock.plc_ticks
 
 
 class _Way:
@@ -82,7 +77,7 @@ class _Way:
         """All of it, with what the log says."""
         said = self.said
         if len(self.jumps) > MOST_LINES:
-            (first, start), (last, end) = self.jumps[0], self.jumps[-1]
+            (first, start), (_, end) = self.jumps[0], self.jumps[-1]
             low, high = min(v for _, v in self.jumps), max(v for _, v in self.jumps)
             line = f"{self.key} in {len(self.jumps)} steps, from {start:g} to {end:g}{unit}"
             line += f", within {low:g} to {high:g}{unit}" if (low, high) != tuple(sorted((start, end))) else ""
@@ -97,7 +92,7 @@ def _stairs(pieces: NDArray[Any], clock: Clock) -> NDArray[Any]:
     cycle = max(1, round(HOST_CYCLE / clock.plc_s)) * clock.plc_ticks
     exact, first = Course(pieces), float(pieces["begin"][0])
     ticks = first + cycle * np.arange(math.ceil((exact.end - first) / cycle) + 1)
-    return course.steps(ticks, [exact.at(tick) or 0.0 for tick in ticks.tolist()])
+    return course.steps(ticks, [exact.at(tick) or 0.0 for tick in ticks.tolist()], start=float(pieces["start"][0]))
 
 
 def motion(
@@ -112,53 +107,68 @@ def motion(
     ways: dict[str, _Way] = {}
     switches: list[Switch] = []
     probes: list[tuple[str, float]] = []
-    targets, units = start, numbers()
+    switched: dict[str, Any] = {}
+    units = numbers()
     for k, change in enumerate(changes):
         name = f"changes[{k}].parameters"
-        tick = plc_cycle(clock, change.at)
+        tick = clock.plc_cycle(change.at)
         table = dict(flat(change.parameters))
-        targets = parameters_with(name, targets, change.parameters, live_only=True)
-        moved: list[tuple[str, float, NDArray[Any], str]] = []  # key, value at the end, pieces, what the log says
-        for key in table:
+        present = switched | {key: way.at(tick) for key, way in ways.items()}
+        if change.over is None:
+            after = parameters_with(name, start, present | table, live_only=True)
+        moved: list[tuple[str, NDArray[Any], str]] = []  # key, pieces, what the log says
+        for key, given in table.items():
             _check_free(f"{name}.{key}", key, driven)
             if key not in units:
                 if change.over is not None:
+                    parameters_with(name, start, {key: given}, live_only=True)
                     raise FaultError(
-                        f"{name}.{key}", f"{shown(table[key])} cannot be reached over a time; only numbers move: "
+                        f"{name}.{key}", f"{shown(given)} cannot be reached over a time; only numbers move: "
                         "change it at once, in a change without over"
                     )  # fmt: skip
                 continue
             way = ways.setdefault(key, _Way(key, value_of(start, key)))
-            now, end = way.at(tick), value_of(targets, key)
+            now = way.at(tick)
             if change.over is None:
-                moved.append((key, end, course.steps([tick], [end]), ""))
+                end = value_of(after, key)
+                moved.append((key, course.ramp(tick, 0.0, now, end), ""))
                 if end != now:
                     way.jumps.append((tick, end))
             else:
+                end = _checked(name, start, key, given)
                 span = change.over / clock.tick_s
                 how = f"over {change.over:g} s" + (", smoothly" if change.smooth else "")
                 moved.append((
-                    key, end, course.ramp(tick, span, now, end, smooth=change.smooth),
+                    key, course.ramp(tick, span, now, end, smooth=change.smooth),
                     f"{key} from {now:g} to {end:g}{_spaced(units[key])} {how}",
                 ))  # fmt: skip
                 probes += [(name, tick + share * span) for share in PROBES]
         if change.parameter is not None:
             key = change.parameter
             _check_follower(f"changes[{k}].parameter", key, driven)
-            ways.setdefault(key, _Way(key, value_of(start, key)))
+            way = ways.setdefault(key, _Way(key, value_of(start, key)))
             pieces, line = _followed(k, change, tick, clock, duration, files[k], notes)
-            moved.append((key, float(pieces["end"][-1]), pieces, line))
-            targets = parameters_with(f"changes[{k}].parameter", targets, {key: moved[-1][1]}, live_only=True)
+            pieces = np.concatenate([course.ramp(tick, 0.0, way.at(tick), float(pieces["start"][0])), pieces])
+            moved.append((key, pieces, line))
             last = float(pieces["begin"][-1] + pieces["span"][-1])
             probes += [(f"changes[{k}].parameter", tick + share * (last - tick)) for share in np.linspace(0, 1, 21)]
-        for key, _, pieces, line in moved:
+        for key, pieces, line in moved:
             ways[key].go(tick, pieces, clock)
             if line:
                 ways[key].said.append((tick, line))
         if rest := {key: value for key, value in table.items() if key not in units}:
+            switched |= rest
             switches.append(Switch(change.at, rest))
     courses = {key: way.course(_spaced(units[key])) for key, way in ways.items()}
     return Motion({**flown, **courses}, switches, probes)
+
+
+def _checked(where: str, start: Parameters, key: str, given: Any) -> float:
+    """A value that a parameter may have on its own. Raises FaultError."""
+    low, high = bounds(key)
+    if isinstance(given, bool) or not isinstance(given, int | float) or not low <= given <= high:
+        parameters_with(where, start, {key: given}, live_only=True)
+    return float(given)
 
 
 def _spaced(unit: str) -> str:
@@ -201,5 +211,6 @@ def _followed(
         at_start = np.interp(tick, ticks, values)
         ticks, values = np.append(tick, ticks[inside]), np.append(at_start, values[inside])
     low, high = float(np.min(values)), float(np.max(values))
-    line = f"{key} follows {file}, within {low:g} to {high:g}{_spaced(unit)}, for {(ticks[-1] - tick) * clock.tick_s:g} s"
+    lasts = (ticks[-1] - tick) * clock.tick_s
+    line = f"{key} follows {file}, within {low:g} to {high:g}{_spaced(unit)}, for {lasts:g} s"
     return course.lines(ticks, values), line

@@ -8,7 +8,6 @@ scenario's ``rates``.
 """
 
 import copy
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -30,13 +29,13 @@ from cls_bench.errors import InputError
 from cls_bench.input.faults import FaultError, problem_of, shown
 from cls_bench.input.files import read_file
 from cls_bench.input.tables import LONGEST_LINE, Strict, place_of, worst
-from cls_bench.parameters import Parameters
+from cls_bench.parameters import PLANT, Parameters
 from cls_bench.parameters.override import differences, flat, nested, parameters_with
 from cls_bench.rigs import THESIS, Rig, find_rig
 from cls_bench.scenario.beyond import beyond_the_rig
 from cls_bench.scenario.entries import Change, Check, Controller, DriveStart, ExpectedTrip
 from cls_bench.scenario.flight import Flight, Flown, fly
-from cls_bench.scenario.moving import Motion, Switch, motion, plc_cycle
+from cls_bench.scenario.moving import Motion, Switch, motion
 from cls_bench.scenario.placing import place
 from cls_bench.scenario.record import Record
 from cls_bench.scenario.sample_file import MOST_BYTES
@@ -196,9 +195,9 @@ class Scenario(Strict):
         )  # fmt: skip
         self._notes = (*self._notes, *notes)
         for key, tick in self._motion.probes:
-            _check_step(key, self._at(key, tick, math.inf))
+            _check_step(key, self._at(key, tick, self.clock.time(int(tick))))
         for k, change in enumerate(self.changes):
-            if change.parameters or change.parameter:
+            if any(key.partition(".")[0] in PLANT for key in (change.parameter or "", *dict(flat(change.parameters)))):
                 _check_step(f"changes[{k}].parameters", self.parameters_at(change.at + (change.over or 0.0)))
 
     def _read_samples(self) -> None:
@@ -352,13 +351,12 @@ class Scenario(Strict):
 
         Of those that move it is the value on their way.
         """
-        return self._at("changes", plc_cycle(self.clock, time), time)
+        return self._at("changes", self.clock.plc_cycle(time), time)
 
     def _at(self, key: str, tick: float, time: float) -> Parameters:
-        """Parameters at a tick, of those that do not move at a time [s]. Raises FaultError at ``key``."""
+        """Parameters at ``tick``, those that are no numbers at ``time`` [s]. Raises FaultError at ``key``."""
         moved = ((name, found.at(tick)) for name, found in self._motion.courses.items())
         table: dict[str, Any] = {name: value for name, value in moved if value is not None}
-        time = min(time, self.clock.time(int(tick)) if math.isinf(time) else time)
         for switch in self._motion.switches:
             if self.clock.tick_of(switch.at) <= self.clock.tick_of(time):
                 table |= switch.values
@@ -376,7 +374,7 @@ class Scenario(Strict):
 
     def moving(self, start: float, end: float) -> tuple[str, ...]:
         """Keys of the parameters that change after ``start``, before ``end`` [s]."""
-        first, last = plc_cycle(self.clock, start), plc_cycle(self.clock, end) - 1
+        first, last = self.clock.plc_cycle(start), self.clock.plc_cycle(end) - 1
         found = [key for key, course in self._motion.courses.items() if course.moves(first, last)]
         for switch in self._motion.switches:
             if start < switch.at < end:
