@@ -142,6 +142,9 @@ class Scenario(Strict):
         if origin.source is None:
             check_writable(self)
         self._find_rig()
+        for key, _ in flat(self.parameters):
+            if self.flight is not None and key in self.flight.drives:
+                raise FaultError(f"parameters.{key}", "follows from [flight]; give one of them")
         self._start = parameters_with("parameters", self._rig.parameters, self.parameters)
         _check(self)
         self._read_samples()
@@ -179,9 +182,6 @@ class Scenario(Strict):
         notes, flown, driven = list[str](), Flown({}, {}, ()), tuple[str, ...]()
         if (flight := self.flight) is not None:
             driven = flight.drives
-            for key, _ in flat(self.parameters):
-                if key in driven:
-                    raise FaultError(f"parameters.{key}", "follows from [flight]; give one of them")
             content = None if flight.file is None else self._content("flight.file", flight.file)
             flown = fly(flight, self.clock, self.duration, content)
             self._start = parameters_with("flight", self._start, flown.start)
@@ -320,7 +320,9 @@ class Scenario(Strict):
 
     def on(self, parameters: Parameters) -> "Scenario":
         """The same hand on a bench with these parameters, taken as they are; nothing of the rig's is left."""
-        other = self.model_copy(update={"rig": THESIS, "parameters": differences(Parameters(), parameters)})
+        driven = () if self.flight is None else self.flight.drives
+        own = {key: value for key, value in differences(Parameters(), parameters).items() if key not in driven}
+        other = self.model_copy(update={"rig": THESIS, "parameters": own})
         other._rig, other._start = find_rig(THESIS), parameters
         other._origin = Origin(self.name, self.path, files=self._files)
         try:
