@@ -55,7 +55,7 @@ class Change(SampleKeys):
     @model_validator(mode="after")
     def _something(self) -> "Change":
         if self.power is None and self.mode is None and not self.parameters and self.parameter is self.file is None:
-            raise ValueError("changes nothing; give power, mode, parameters, or parameter and file")
+            raise ValueError("changes nothing; give power, mode or parameters, or a parameter and its file")
         if self.power == "on" and self.mode == "off":
             raise ValueError('power "on" contradicts mode "off"')
         if (self.parameter is None) != (self.file is None):
