@@ -20,6 +20,7 @@ from cls_bench.analysis import energy
 from cls_bench.claims import cannot_write, claimed_page, page_mark, write_text
 from cls_bench.errors import InputError, one_line
 from cls_bench.experiment import CheckResult
+from cls_bench.parameters.override import flat
 from cls_bench.report import style
 from cls_bench.report.figures import CANNOT_DRAW, Picture, pictures
 from cls_bench.report.recorded_run import RecordedRun
@@ -271,7 +272,7 @@ def _told_apart(value: Any, default: Any) -> tuple[str, str]:
 def _changes(run: RecordedRun) -> Section | None:
     rows = [
         (f"{change.at:g}", key, str(value), "at once" if change.over is None else f"over {change.over:g} s")
-        for change in run.scenario.changes for key, value in change.parameters.items()
+        for change in run.scenario.changes for key, value in flat(change.parameters)
     ]  # fmt: skip
     rows += [
         (f"{change.at:g}", change.parameter, f"follows {change.file}", "")
