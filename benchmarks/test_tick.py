@@ -1,5 +1,6 @@
 """(a) the tick over that of the bench of one rig and over MuJoCo's step, (b) a plain-Python loop over ours, (d) a
-user's outer loop over the built-in, (h) short blocks over long ones, (i) three axes over one."""
+user's outer loop over the built-in, (h) short blocks over long ones, (i) three axes over one, (k)
+400 changes over none."""
 
 import time
 
@@ -68,6 +69,15 @@ def test_axes(comparison: Comparison) -> None:
     comparison.record(
         "i", "three axes in one bench ÷ one", ratio(times, "three", "one"), most=2.6,
         detail=f"{1e6 * min(times['three']):.2f} µs a tick",
+    )  # fmt: skip
+
+
+def test_changes(comparison: Comparison) -> None:
+    with processes((HERE, ("changes", "400"), {}), (HERE, ("changes", "0"), {})) as (many, none):
+        times = comparison.times({"many": many.measure, "none": none.measure}, 40)
+    comparison.record(
+        "k", "400 changes of a parameter ÷ none, processor time", ratio(times, "many", "none"), most=1.01,
+        detail=f"5 s in {min(times['many']):.3f} s",
     )  # fmt: skip
 
 

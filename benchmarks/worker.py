@@ -3,7 +3,8 @@
 ``python worker.py WHAT``, with that version's package on the path; the same file serves versions before and after the
 bench became a stepper. WHAT: ``tick`` (µs would be too small a unit: seconds a tick), ``axes N`` (the same, with N axes
 in one bench), ``run none|mcap|both`` (a run of 4 s), ``blocks MS`` (processor time of a simulated second in blocks of
-that length), ``plain`` (a tick of the loop as plain Python).
+that length), ``changes N`` (processor time of a run of 5 s with N changes of a parameter), ``plain`` (a tick of the
+loop as plain Python).
 """
 
 import inspect
@@ -137,6 +138,26 @@ def in_blocks(milliseconds: float) -> Callable[[], float]:
     return measure
 
 
+def changes(count: int) -> Callable[[], float]:
+    """Processor time of a run of 5 s with some changes of a parameter in it, 10 ms apart, hardly to be felt."""
+    text = SWAY.format(duration=5.0) + "".join(
+        f"[[changes]]\nat = {0.5 + 0.01 * k:.2f}\nparameters.feel.stiffness = {35 + 0.01 * (k % 2):.2f}\n"
+        for k in range(count)
+    )
+    scenario = parse_scenario(text, name="sway")
+    bench = Bench(scenario.parameters_at_start())
+    bench.compile()
+
+    def measure() -> float:
+        bench.reset()
+        start = time.process_time()
+        for _ in blocks(bench, scenario):
+            pass
+        return time.process_time() - start
+
+    return measure
+
+
 def plain() -> Callable[[], float]:
     """Seconds a tick of the same laws on MuJoCo's bindings, as a user would write them: plain Python, plain objects."""
     from cls_bench import tick as loop
@@ -159,8 +180,8 @@ def plain() -> Callable[[], float]:
         trace = bench._room(at, ticks)._replace(tick=none, drive=none, plc=none)
         start = time.perf_counter()
         loop.advance(
-            bench.plant, bodies, bench._watched, hand, noise, trace, bench._bodies, bench._cycles, bench._bound,
-            bench._warned, at, ticks, 0,
+            bench.plant, bodies, bench._watched, hand, noise, trace, bench._bodies, bench._cycles,
+            *getattr(bench, "_courses", ()), bench._bound, bench._warned, at, ticks, 0,
         )  # fmt: skip
         at += ticks
         return (time.perf_counter() - start) / ticks
@@ -187,6 +208,7 @@ class _Table(list):  # type: ignore[type-arg]
 
 WHAT: dict[str, Callable[..., Callable[[], float]]] = {
     "tick": tick, "plain": plain, "run": run,
+    "changes": lambda count: changes(int(count)),
     "axes": lambda count: axes(int(count)), "blocks": lambda length: in_blocks(float(length)),
 }  # fmt: skip
 

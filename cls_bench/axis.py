@@ -4,6 +4,7 @@ The record :data:`AXIS` has two sides that meet in the tick alone: ``truth``, th
 PLC, which know their nameplate and the ``samples`` and nothing of the truth.
 """
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from cls_bench.control import limits, plc, servo, validity
 from cls_bench.control.state import CONTROLLER, configure
 from cls_bench.errors import InputError
 from cls_bench.parameters import CONTROL, PLANT, Parameters
+from cls_bench.parameters.moving import STEPPED
 from cls_bench.parameters.record import values_of
 from cls_bench.plant import mechanism, sensors
 from cls_bench.plant.state import TRUTH
@@ -33,6 +35,15 @@ NUMBERS = (
     validity.places(AXIS, ("controller.state.", "samples."), SLOTS),
 )
 """Names and places of the numbers that the controller's self-check looks at: its parameters, what it remembers."""
+
+_OWNERS = tuple(f"{owner}.parameters." for owner in ("truth", "controller"))
+
+WORDS: Mapping[str, int] = {
+    name.removeprefix(owner): word
+    for name, word, kind in validity.numbers(AXIS, SLOTS) for owner in _OWNERS
+    if name.startswith(owner) and kind == np.float64 and name.removeprefix(owner) not in STEPPED
+}  # fmt: skip
+"""Where a parameter stands in the record, in 8-byte words, of those numbers that act from there alone."""
 
 
 def set_parameters(axis: Any, p: Parameters) -> None:

@@ -18,17 +18,20 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from cls_bench import tick
-from cls_bench.axis import AXIS, NUMBERS, forget, set_parameters
+from cls_bench import course, tick
+from cls_bench.axis import AXIS, NUMBERS, WORDS, forget, set_parameters
 from cls_bench.compiled import JIT, records
 from cls_bench.control import plc, servo
 from cls_bench.control.controller import Watched
 from cls_bench.control.outer_loop import Asking, OuterLoop
 from cls_bench.controllers import failure_of
+from cls_bench.course import Course
 from cls_bench.errors import BenchError, ExitCode, InputError
 from cls_bench.geometry import Geom
 from cls_bench.hand import HandSamples
 from cls_bench.parameters import Parameters, Simulation, leaves
+from cls_bench.parameters.moving import STEPPED, numbers, replaced
+from cls_bench.parameters.override import bounds, known_keys
 from cls_bench.plant import mechanism, mjcf, sensors, state
 from cls_bench.plant import model as plant_model
 from cls_bench.resources import model_folder
@@ -128,6 +131,7 @@ class Bench:
         self.topics = tuple(topic for axis in self.axes for topic in axis.topics)
         """what is recorded"""
         words = memory.view(np.float64, np.ndarray).reshape(len(memory), -1)
+        self._words = words
         self._watched = Watched(words, NUMBERS[0].words, NUMBERS[1].words)
         self._posed = poses
         self.body_names = mjcf.body_names(self._built)
@@ -156,8 +160,11 @@ class Bench:
             self.__dict__.pop("_drawn", None)
             if self._posed:
                 self._bodies = _bodies(built)
-        self.parameters_of = dict(self._built)
-        """parameters of each axis as they are now, by name"""
+        self._parameters = dict(self._built)  # of each axis, but for those that have moved since
+        self._moved: dict[str, set[str]] = {name: set() for name in self._built}
+        self._following: dict[tuple[str, str], tuple[course.Place, Course]] = {}  # by axis and key
+        self._courses = course.tables([])
+        self._waiting: list[Event] = []  # what courses have to say later
         mujoco.mj_resetData(self.model, self.data)
         for axis, p in zip(self.axes, self._built.values(), strict=True):
             forget(axis.record, p)
@@ -195,7 +202,21 @@ class Bench:
     @property
     def parameters(self) -> Parameters:
         """Parameters of the first axis as they are now."""
-        return next(iter(self.parameters_of.values()))
+        return self._now(next(iter(self._built)))
+
+    @property
+    def parameters_of(self) -> Mapping[str, Parameters]:
+        """Parameters of each axis as they are now, by name."""
+        return {name: self._now(name) for name in self._built}
+
+    def _now(self, axis: str) -> Parameters:
+        """The parameters of an axis, those that have moved as they stand in its record."""
+        if self._moved[axis]:
+            words = self._words[list(self._built).index(axis)]
+            moved = {key: float(words[WORDS[key]]) for key in self._moved[axis]}
+            self._parameters[axis] = replaced(self._parameters[axis], moved)
+            self._moved[axis] = {key for name, key in self._following if name == axis}
+        return self._parameters[axis]
 
     @property
     def trips(self) -> list[Trip]:
@@ -248,10 +269,10 @@ class Bench:
     def _apply(self, axis: Axis, parameters: Parameters) -> None:
         """Take over ``parameters``, at the start or for a change of live ones in mid-run."""
         set_parameters(axis.record, self._stepped(parameters))
-        self.parameters_of[axis.name] = parameters
+        self._parameters[axis.name] = parameters
         plant_model.set_weights(self.model, axis.name, parameters)
-        self._bound = tick.bound(self.parameters_of.values())
-        woken = [{**sensors.woken(p), **plc.woken(p.plc, p.feel)} for p in self.parameters_of.values()]
+        self._bound = tick.bound(self._parameters.values())
+        woken = [{**sensors.woken(p), **plc.woken(p.plc, p.feel)} for p in self._parameters.values()]
         self._chances = [[each[source] for each in woken] for source in (*sensors.UNIFORM, *sensors.TURBULENCE)]
 
     def _named(self, name: str) -> Axis:
@@ -262,10 +283,12 @@ class Bench:
 
     def change(
         self, parameters: Parameters | None = None, *, mode: str | None = None, power: str | None = None,
-        axis: str = "",
+        axis: str = "", said: str | None = None,
     ) -> None:  # fmt: skip
-        """Change live parameters of an axis, its drive's mode or power, from the next tick on; the log says so.
+        """Change live parameters of an axis, its drive's mode or power, from the next tick on; the log says so, of
+        parameters in the words of ``said`` if that is given, or nothing if it is empty.
 
+        A parameter that moves and is given another value than its present one moves no more; the others go on.
         Raises InputError, and changes nothing, for a parameter that is not live or that the plant's step cannot carry,
         and a mode or power that is none.
         """
@@ -274,22 +297,104 @@ class Bench:
         for name, value, valid in (("mode", mode, servo.MODES), ("power", power, ("on", "off"))):
             if value is not None and value not in valid:
                 raise InputError(f"{name} {value!r} is not valid; give one of {', '.join(valid)}")
-        said = []
+        lines: list[str] = []
         if parameters is not None:
-            for key, new, info in _differences(parameters, self.parameters_of[axis]):
+            found = list(_differences(parameters, self._now(axis)))
+            for key, _, info in found:
                 if not info["live"]:
                     raise InputError(f"parameters.{key}: holds for the whole run; reset the bench with another")
-                said.append(f"{key} = {new}" + ("" if info["unit"] == "1" else f" {info['unit']}"))
             check_step(self._stepped(parameters))
+            lines += [value_line(key, new, info["unit"]) for key, new, info in found] if said is None else []
+            lines += [said] if said else []
+            for key, _, _ in found:
+                if self._following.pop((axis, key), None) is not None:
+                    self._take_up()
             self._apply(changed, parameters)
         if mode is not None:
             state_record.servo.mode = servo.MODES.index(mode)
-            said.append(f"drive mode {mode}")
+            lines.append(f"drive mode {mode}")
         if power is not None:
             state_record.power = int(power == "on")
             state_record.plc.trip = plc.NO_TRIP
-            said.append(f"drive power {power}")
-        self._events += [Event(self._tick, "info", source_of(axis, "scenario"), line) for line in said]
+            lines.append(f"drive power {power}")
+        self._events += [Event(self._tick, "info", source_of(axis, "scenario"), line) for line in lines]
+
+    def follow(
+        self, courses: Mapping[str, Course], *, axis: str = "", rates: Mapping[str, float] | None = None
+    ) -> None:  # fmt: skip
+        """Let live parameters of an axis, by dotted key, follow courses from now on; each replaces an earlier one.
+
+        Their values are written in each PLC cycle, in compiled code, whatever the blocks: nothing is worked out from
+        step to step in Python, and no block need end where a course does something. ``rates`` are the greatest changes
+        allowed in a second, by key [unit/s]. A host that gives new values every 10 ms leads them there (:meth:`lead`).
+
+        Raises InputError, and changes nothing, for a parameter that is not live or no number, of which more follows
+        than its place in the record (:data:`cls_bench.parameters.moving.STEPPED`: change those), or with a value that
+        is out of its bounds. Rules that join several parameters, and the plant's step, are for the caller to check:
+        with :meth:`change` they are.
+        """
+        followed = self._named(axis)
+        for key, found in courses.items():
+            low, high = _check_movable(key)
+            for bound in (found.low, found.high):
+                if not low <= bound <= high:
+                    raise InputError(f"parameters.{key}: {bound:g} is not valid; it must be {_valid(key)}")
+        self._follow(courses, followed, rates)
+        source = source_of(axis, "scenario")
+        self._waiting += [Event(at, "info", source, line) for found in courses.values() for at, line in found.said]
+        self._waiting.sort(key=lambda event: event.tick)
+
+    def _follow(self, courses: Mapping[str, Course], axis: Axis, rates: Mapping[str, float] | None) -> None:
+        number, taken = self.axes.index(axis), {}
+        for key, found in courses.items():
+            rate = (rates or {}).get(key, math.inf)
+            if not rate > 0.0:
+                raise InputError(f"parameters.{key}: a rate of {rate:g} 1/s is not valid; give a number > 0")
+            place = course.Place(number, WORDS[key], *bounds(key), rate * self.clock.plc_s)
+            taken[axis.name, key] = place, found
+        self._now(axis.name)
+        self._following.update(taken)
+        self._moved[axis.name] |= set(courses)
+        self._take_up()
+
+    def lead(
+        self, values: Mapping[str, float], over: float, *, axis: str = "", rates: Mapping[str, float] | None = None
+    ) -> None:  # fmt: skip
+        """Lead live parameters of an axis from their present values in straight lines to ``values`` within ``over``
+        [s].
+
+        For values from outside: what is no number, or out of its bounds, is no error. The compiled loop does not take
+        the one, goes to the bound instead of the other, and counts both (:attr:`refused`). The log says nothing.
+        Otherwise as :meth:`follow`.
+        """
+        led = self._named(axis)
+        words, span = self._words[self.axes.index(led)], over / self.clock.tick_s
+        for key in values:
+            _check_movable(key)
+        self._follow(
+            {
+                key: Course(course.ramp(self._tick, span, float(words[WORDS[key]]), float(value)))
+                for key, value in values.items()
+            },
+            led, rates,
+        )  # fmt: skip
+
+    def _take_up(self) -> None:
+        """Have the tick write the courses that there are."""
+        reached = self._courses[0]
+        kept = {(int(c.axis), int(c.word)): int(c.refused) for c in reached.view(np.recarray)}
+        self._courses = course.tables([(place, found.pieces) for place, found in self._following.values()])
+        for row in self._courses[0].view(np.recarray):
+            row.refused = kept.get((int(row.axis), int(row.word)), 0)
+
+    @property
+    def refused(self) -> Mapping[tuple[str, str], int]:
+        """PLC cycles in which a course's value was none or out of bounds, by axis and key, of those that are followed.
+        """
+        return {
+            found: int(row.refused)
+            for found, row in zip(self._following, self._courses[0].view(np.recarray), strict=True)
+        }  # fmt: skip
 
     def start(self, *, power: bool = True) -> None:
         """Switch the drives on, or leave them off; once, before the first :meth:`advance`."""
@@ -330,6 +435,7 @@ class Bench:
             signals = self._tables(first, done)
         events = self._log(first, done, signals, powered, warned)
         self._tick = first + done
+        self._leave_behind()
         if self.failure is not None or last:
             events += [event for axis in self.axes for event in axis.limits.finish(max(self._tick - 1, first))]
         rows = -(-self._tick // self.clock.pose_ticks) - -(-first // self.clock.pose_ticks)
@@ -349,8 +455,8 @@ class Bench:
 
     def _advance(self, hand: Any, noise: Any, trace: Any, ticks: int) -> int:
         return tick.advance(
-            self.plant, self._memory, self._watched, hand, noise, trace, self._bodies, self._cycles, self._bound,
-            self._warned, self._tick, ticks, self._outer_loop.ask.address,
+            self.plant, self._memory, self._watched, hand, noise, trace, self._bodies, self._cycles,
+            *self._courses, self._bound, self._warned, self._tick, ticks, self._outer_loop.ask.address,
         )  # fmt: skip
 
     def _log(
@@ -358,6 +464,8 @@ class Bench:
         warned: Sequence[str],
     ) -> list[Event]:  # fmt: skip
         events, self._events = self._events, []
+        while self._waiting and self._waiting[0].tick < first + max(done, 1):
+            events.append(self._waiting.pop(0))
         for axis, was_on, is_on in zip(self.axes, powered, self._power.tolist(), strict=True):
             events += axis.limits.read(first, first + done, signals[axis.limits.path], axis.watch)
             if was_on and not is_on:
@@ -371,6 +479,21 @@ class Bench:
         if self.failure is not None:
             events.append(Event(at, "error", "simulation", str(self.failure) or "interrupted"))
         return events
+
+    def _leave_behind(self) -> None:
+        """Follow no course any more that has come to its end, and whose value has arrived there."""
+        over = []
+        for (axis, key), (place, found) in self._following.items():
+            last = found.pieces[-1]
+            if found.end < self._tick and self._words[place.axis, place.word] == last["end"]:
+                over.append((axis, key))
+        if over:
+            for axis, key in over:
+                self._now(axis)
+                del self._following[axis, key]
+            for axis in self._built:
+                self._now(axis)
+            self._take_up()
 
     @staticmethod
     def _invalid(control: Any) -> str:
@@ -418,6 +541,27 @@ class Bench:
                 row, column = np.argwhere(~np.isfinite(table))[0].tolist()
                 found.append(((-(-first // topic.ticks) + row) * topic.ticks, f"{topic.path}.{topic.names[column]}"))
         return min(found, default=None)
+
+
+def value_line(key: str, value: Any, unit: str) -> str:
+    """What the log says of a parameter's new value."""
+    return f"{key} = {value}" + ("" if unit == "1" else f" {unit}")
+
+
+def _valid(key: str) -> str:
+    return str(known_keys()[key]["valid"])
+
+
+def _check_movable(key: str) -> tuple[float, float]:
+    """Bounds of a parameter that can follow a course. Raises InputError for any other."""
+    if key not in numbers():
+        told = "holds for the whole run" if key in known_keys() else "is no parameter"
+        if known_keys().get(key, {}).get("live"):
+            told = "is no number that could move; change it"
+        raise InputError(f"parameters.{key}: {told}")
+    if key in STEPPED:
+        raise InputError(f"parameters.{key}: more follows from it than its own value; change it instead")
+    return bounds(key)
 
 
 def _differences(new: Parameters, old: Parameters) -> Iterator[tuple[str, Any, Mapping[str, Any]]]:

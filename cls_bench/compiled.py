@@ -48,7 +48,8 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 _PACKAGE = Path(__file__).parent
 
-SOURCES = ("control/*.py", "feel/*.py", "feel/elements/*.py", "plant/*.py", "kinematics.py", "tick.py")
+SOURCES = ("control/*.py", "feel/*.py", "feel/elements/*.py", "plant/*.py", "course.py", "kinematics.py",
+           "tick.py")  # fmt: skip
 """Where the loop's functions stand: of these files those that mark one as :func:`compiled`."""
 
 CONSTANTS = ("compiled.py", "feel/model.py", "quantity.py")

@@ -357,8 +357,9 @@ def measure(scenario: Scenario, recording: Source, *, own_loop: bool = False) ->
         if check.window not in windows:
             start, end = check.window
             windows[check.window] = Window(
-                recording, start, end, scenario.parameters_at(start), idle=scenario.idle(start, end), own_loop=own_loop
-            )
+                recording, start, end, scenario.parameters_at(start), idle=scenario.idle(start, end), own_loop=own_loop,
+                moving=scenario.moving(start, end),
+            )  # fmt: skip
         value, note = metrics.evaluate(check, windows[check.window])
         results.append(CheckResult(check, value, metrics.unit(check), note))
     return tuple(results)

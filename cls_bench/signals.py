@@ -90,6 +90,10 @@ class Clock(NamedTuple):
         """Number of the tick that is nearest to ``time`` [s]."""
         return round(time * 1e9 / self.tick_ns)
 
+    def plc_cycle(self, time: float) -> int:
+        """First tick of the PLC cycle in which what is to happen at ``time`` [s] does."""
+        return -(-self.tick_of(time) // self.plc_ticks) * self.plc_ticks
+
 
 _CYCLES = (
     ("velocity_ticks", ""), ("position_ticks", "velocity_ticks"), ("bus_ticks", ""), ("plc_ticks", "bus_ticks")

@@ -2,6 +2,7 @@
 
 One tick, of every axis, in this order::
 
+    plc cycle        parameters that move: their present values
     plc cycle        PLC: self-check of its numbers
     every tick       sample: encoder, current, load cell, potentiometer, limit switches
     velocity cycle   drive: speed filter
@@ -26,6 +27,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cls_bench import course
 from cls_bench.compiled import call, compiled, mj_step
 from cls_bench.control import controller, limits
 from cls_bench.control.controller import Watched
@@ -184,14 +186,15 @@ def _grip(plant: Plant, axis: Any, hand: Hand, a: int, row: int) -> None:
 @compiled
 def advance(
     plant: Plant, axes: Any, watched: Watched, hand: Hand, noise: Any, trace: Any, bodies: Bodies, cycles: Cycles,
-    limit: float, warned: Any, first_tick: int, ticks: int, ask: int,
+    courses: Any, pieces: Any, limit: float, warned: Any, first_tick: int, ticks: int, ask: int,
 ) -> int:  # fmt: skip
     """Run ``ticks`` ticks from ``first_tick`` on, the start of a PLC cycle; returns how many were run.
 
     Fewer are run only where a velocity is beyond ``limit`` [rad/s] or a state is not finite, MuJoCo warned
-    (``warned[0]``) or ``ask`` refuses. ``hand``, ``noise`` and ``trace`` belong to these ticks. Where a user's outer
-    loop gives the set values of an axis (``state.external``), ``ask`` is called with tick · axes + axis, reads the
-    measurement there and writes them; it returns 0, or anything else to stop.
+    (``warned[0]``) or ``ask`` refuses. ``hand``, ``noise`` and ``trace`` belong to these ticks; ``courses`` and their
+    ``pieces`` (:mod:`cls_bench.course`) say which parameters move. Where a user's outer loop gives the set values of an
+    axis (``state.external``), ``ask`` is called with tick · axes + axis, reads the measurement there and writes them;
+    it returns 0, or anything else to stop.
     """
     count = axes.shape[0]
     # The next tick of each cycle, and the rows that were written of it: cheaper than a remainder in every tick.
@@ -206,6 +209,8 @@ def advance(
         tick = first_tick + row
         due = Due(tick == next_velocity, tick == next_position, tick == next_bus, tick == next_plc)
         sound = True
+        if due.plc:
+            course.move(courses, pieces, watched.words, tick)
         for a in range(count):
             axis = axes[a]
             if due.plc and controller.is_on(axis.controller.state):

@@ -110,6 +110,7 @@ def test_a_fast_motor_is_not_taken_for_a_lost_one(torque_constant, sound):
 # --- the one order ----------------------------------------------------------------------------------------------------
 
 WORK = {
+    "parameters that move: their present values": ("course.move",),
     "PLC: self-check of its numbers": ("control.controller.check_numbers",),
     "sample: encoder, current, load cell, potentiometer, limit switches": (
         "plant.mechanism.arrive", "plant.sensors.sample",

@@ -344,12 +344,21 @@ def static_friction(window: Window, at_deg: float) -> float:
     columns = [np.ones_like(velocity), np.sign(velocity)]
     if any(np.max(way) >= SPEEDS * np.min(way) for way in ways):
         columns.append(velocity)
-    elif window.idle or window.own_loop:
-        why = window.idle or "the damping of a user's own outer loop is not known"
+    elif why := window.idle or _own_damping(window) or _moving(window, "feel.", "column."):
         raise Unmeasured(f"friction and viscosity cannot be told apart at one speed: {why}")
     else:
         torque = torque - free_response.damping(window.parameters, at_deg * DEG) * velocity
     return float(np.linalg.lstsq(np.stack(columns, axis=1), torque, rcond=None)[0][1])
+
+
+def _own_damping(window: Window) -> str:
+    return "the damping of a user's own outer loop is not known" if window.own_loop else ""
+
+
+def _moving(window: Window, *sections: str) -> str:
+    """What of the parameters that a metric reads changes within the window; empty if nothing does."""
+    found = [key for key in window.moving if key.startswith(sections)]
+    return f"{', '.join(found)} changes within the window" if found else ""
 
 
 # --- tracking of the feel model --------------------------------------------------------------------------------------
@@ -513,6 +522,8 @@ def part60_tolerance_used(window: Window) -> float:
     _leading(window)
     if window.own_loop:
         raise Unmeasured("expected is the feel model's response, but a user's own outer loop ran")
+    if why := _moving(window, "feel."):
+        raise Unmeasured(f"expected is the response of one feel model, but {why}")
     grips, few = window["/pilot.squeeze"] >= 0.0, _rows(window, RELEASED_S)
     if np.any(grips[few:]):
         at = window.time[few + int(np.argmax(grips[few:]))]
@@ -536,6 +547,8 @@ def rest_offset_deg(window: Window) -> float:
     """Distance of the column from the feel model's neutral at the window's end (mean of 0.1 s)."""
     if window.own_loop:
         raise Unmeasured("neutral is the feel model's, but a user's own outer loop ran")
+    if why := _moving(window, "feel.neutral"):
+        raise Unmeasured(f"neutral is not one angle: {why}")
     return abs(_resting(window, _rows(window, 0.1)) - window.parameters.feel.neutral) / DEG
 
 

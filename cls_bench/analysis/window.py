@@ -1,7 +1,7 @@
 """A time window of a recording, as the metrics read it."""
 
 import copy
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
 from typing import Protocol
 
@@ -54,7 +54,7 @@ class Window:
 
     def __init__(
         self, source: Source, start: float, end: float, parameters: Parameters, *,
-        idle: str = "", own_loop: bool = False, axis: str = "",
+        idle: str = "", own_loop: bool = False, axis: str = "", moving: Sequence[str] = (),
     ):  # fmt: skip
         self._source = source
         self.start, self.end = start, end
@@ -63,6 +63,8 @@ class Window:
         """why the column is not meant to follow the feel model, at least for a part; empty if it is"""
         self.own_loop = own_loop
         """whether a user's own outer loop ran instead of the feel model"""
+        self.moving = tuple(moving)
+        """keys of parameters that change within the window"""
         self.axis = axis
         """name of the axis; empty if there is but one"""
         self.flaws: list[str] = []

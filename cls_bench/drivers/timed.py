@@ -32,12 +32,8 @@ def run(
     was yielded with an error event in it.
     """
     clock = bench.clock
-
-    def cycle_start(time: float) -> int:
-        return -(-clock.tick_of(time) // clock.plc_ticks) * clock.plc_ticks
-
-    waiting = [(cycle_start(change.at), change) for change in sorted(changes, key=lambda change: change.at)]
-    end = cycle_start(duration)
+    waiting = [(clock.plc_cycle(change.at), change) for change in sorted(changes, key=lambda change: change.at)]
+    end = clock.plc_cycle(duration)
     bench.start(power=power)
     while bench.next_tick < end:
         while waiting and waiting[0][0] <= bench.next_tick:

@@ -85,9 +85,14 @@ def nested(table: Mapping[str, Any]) -> dict[str, Any]:
     return found
 
 
+_ALONE = frozenset({"feel", "limb", "load_cell", "encoder", "plc"})
+"""Sections of whose live parameters no rule beyond the section itself speaks: a change checks those sections alone."""
+
+
 def override(parameters: Parameters, table: Mapping[str, Any], *, live_only: bool = False) -> Parameters:
     """A copy of ``parameters`` with the values of the nested ``table``; raises FaultError at the first bad one."""
-    known, merged, changed = known_keys(), parameters.model_dump(), []
+    known, changed = known_keys(), list[str]()
+    merged: dict[str, Any] = {}
     for key, value in flat(table):
         *parents, last = key.split(".")
         if key in RENAMED:
@@ -104,13 +109,23 @@ def override(parameters: Parameters, table: Mapping[str, Any], *, live_only: boo
             near = [name for name in live if name.startswith(f"{parents[0]}.")]
             near = near or [f"some of {name}" for name in dict.fromkeys(name.partition(".")[0] for name in live)]
             raise FaultError(key, f"holds for the whole run; these may change while it goes on: {listed(near)}")
+        if parents[0] not in merged:
+            merged[parents[0]] = getattr(parameters, parents[0]).model_dump()
         inner = merged
         for parent in parents:
             inner = inner[parent]
         inner[last] = value
         changed.append(key)
+    prefix: tuple[str, ...] = ()
     try:
-        found = Parameters.model_validate(merged)
+        if live_only and _ALONE.issuperset(merged):
+            sections = {}
+            for name, values in merged.items():
+                prefix = (name,)
+                sections[name] = type(getattr(parameters, name)).model_validate(values)
+            found = parameters.model_copy(update=sections)
+        else:
+            found = Parameters.model_validate({**parameters.model_dump(), **merged})
     except ValidationError as failure:
         error = failure.errors(include_url=False)[0]
     else:
@@ -119,6 +134,7 @@ def override(parameters: Parameters, table: Mapping[str, Any], *, live_only: boo
                 raise FaultError(key, missing)
         return found
     section_type: type[Section] = Parameters
+    error["loc"] = (*prefix, *error["loc"])
     for part in error["loc"]:
         inner_type = section_type.model_fields[str(part)].annotation
         if isinstance(inner_type, type) and issubclass(inner_type, Section):

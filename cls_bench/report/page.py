@@ -20,6 +20,7 @@ from cls_bench.analysis import energy
 from cls_bench.claims import cannot_write, claimed_page, page_mark, write_text
 from cls_bench.errors import InputError, one_line
 from cls_bench.experiment import CheckResult
+from cls_bench.parameters.override import flat
 from cls_bench.report import style
 from cls_bench.report.figures import CANNOT_DRAW, Picture, pictures
 from cls_bench.report.recorded_run import RecordedRun
@@ -269,13 +270,21 @@ def _told_apart(value: Any, default: Any) -> tuple[str, str]:
 
 
 def _changes(run: RecordedRun) -> Section | None:
-    live = [change for change in run.scenario.changes if change.parameters]
-    rows = [(f"{change.at:g}", key, str(value)) for change in live for key, value in change.parameters.items()]
-    return (
-        Section("Parameters that change during the run", "", (("time [s]", "parameter", "value"), *rows))
-        if rows
-        else None
-    )
+    rows = [
+        (f"{change.at:g}", key, str(value), "at once" if change.over is None else f"over {change.over:g} s")
+        for change in run.scenario.changes for key, value in flat(change.parameters)
+    ]  # fmt: skip
+    rows += [
+        (f"{change.at:g}", change.parameter, f"follows {change.file}", "")
+        for change in run.scenario.changes if change.parameter is not None
+    ]  # fmt: skip
+    rows.sort(key=lambda row: float(row[0]))
+    rows += [
+        ("0", key, f"from {course.low:g} to {course.high:g}", "follows the flight")
+        for key, course in run.scenario.courses.items() if run.scenario.flight and key in run.scenario.flight.drives
+    ]  # fmt: skip
+    header = ("time [s]", "parameter", "value", "how")
+    return Section("Parameters that change during the run", "", (header, *rows)) if rows else None
 
 
 def _events(run: RecordedRun) -> Section | None:

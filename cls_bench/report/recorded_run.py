@@ -231,7 +231,9 @@ class RecordedRun:
         """Signals in ``span`` at the PLC's rate, read once."""
         if span not in self._windows:
             parameters = self.scenario.parameters_at(span.start)
-            self._windows[span] = Window(self.recording, *span, parameters, axis=self.axis)
+            self._windows[span] = Window(
+                self.recording, *span, parameters, axis=self.axis, moving=self.scenario.moving(*span)
+            )
         return self._windows[span]
 
     @property

@@ -1,6 +1,7 @@
 """Scenarios: what the hand does, what changes while a run goes on, and what is checked afterwards."""
 
 from cls_bench.scenario.entries import Change, Check, Controller, DriveStart, ExpectedTrip
+from cls_bench.scenario.flight import Flight
 from cls_bench.scenario.reading import load_scenario, parameters_of, parse_scenario
 from cls_bench.scenario.record import Record
 from cls_bench.scenario.scenario import Scenario
@@ -19,7 +20,7 @@ from cls_bench.scenario.segments import (
 )
 
 __all__ = [
-    "Aim", "Change", "Check", "Chirp", "Controller", "DriveStart", "ExpectedTrip", "Hold", "Ramp", "Record", "Release",
-    "Samples", "Scenario", "Segment", "Sine", "Squeeze", "Step", "load_scenario", "parameters_of", "parse_scenario",
-    "scenario_schema",
+    "Aim", "Change", "Check", "Chirp", "Controller", "DriveStart", "ExpectedTrip", "Flight", "Hold", "Ramp", "Record",
+    "Release", "Samples", "Scenario", "Segment", "Sine", "Squeeze", "Step", "load_scenario", "parameters_of",
+    "parse_scenario", "scenario_schema",
 ]  # fmt: skip

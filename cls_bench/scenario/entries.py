@@ -6,10 +6,8 @@ from pydantic import Field, WithJsonSchema, field_validator, model_validator
 
 from cls_bench.input.faults import nearest, shown
 from cls_bench.input.tables import Strict
-from cls_bench.parameters import Parameters
-from cls_bench.parameters.override import override
 from cls_bench.scenario.record import SIGNALS
-from cls_bench.scenario.segments import Line, Name, Time
+from cls_bench.scenario.segments import Line, Name, SampleKeys, Span, Time
 
 Limit = Annotated[float, Field(ge=-1e12, le=1e12)]
 
@@ -30,8 +28,12 @@ class Controller(Strict):
     """arguments with which NAME is called"""
 
 
-class Change(Strict):
-    """What changes at a given time: the drive's power or mode, or parameters marked live."""
+class Change(SampleKeys):
+    """What changes from a given time on: the drive's power or mode, or parameters marked live.
+
+    Parameters jump to their new values, or go there ``over`` a time, or one of them follows recorded samples, linearly
+    interpolated; before the first and after the last its value is held.
+    """
 
     at: Time
     """time of the change [s]"""
@@ -41,18 +43,34 @@ class Change(Strict):
     """mode of the drive; "off" is safe torque off"""
     parameters: dict[str, Any] = Field(default_factory=dict)
     """new values of live parameters, by dotted key, SI"""
+    over: Span | None = None
+    """time within which the parameters go there from their present values [s]; at once if left out"""
+    smooth: bool = False
+    """minimum-jerk profile instead of a straight line"""
+    parameter: Name | None = None
+    """dotted key of the live parameter that follows the samples of a file"""
+    file: Name | None = None
+    """text file with a header and columns, as for a hand of recorded samples; values are SI, relative to this file"""
 
     @model_validator(mode="after")
     def _something(self) -> "Change":
-        if self.power is None and self.mode is None and not self.parameters:
-            raise ValueError("changes nothing; give power, mode or parameters")
+        if self.power is None and self.mode is None and not self.parameters and self.parameter is self.file is None:
+            raise ValueError("changes nothing; give power, mode or parameters, or a parameter and its file")
         if self.power == "on" and self.mode == "off":
             raise ValueError('power "on" contradicts mode "off"')
+        if (self.parameter is None) != (self.file is None):
+            raise ValueError("parameter and file belong together: the one follows the samples of the other")
+        if self.file is not None and (self.parameters or self.over is not None):
+            raise ValueError("a parameter that follows a file takes no other ones and no over; add another change")
+        if self.over is not None and not self.parameters:
+            raise ValueError("over is the time within which parameters move; give parameters")
+        if self.over is not None and (self.power is not None or self.mode is not None):
+            raise ValueError("power and mode change at once, and not over a time; add another change")
+        if self.smooth and self.over is None:
+            raise ValueError("smooth is the way that parameters go within a time; give over")
+        if self.file is None and (unused := self.model_fields_set & SampleKeys.model_fields.keys()):
+            raise ValueError(f"{sorted(unused)[0]} says how a file is read; give parameter and file")
         return self
-
-    def apply(self, parameters: Parameters) -> Parameters:
-        """A copy of ``parameters`` with this change's values."""
-        return override(parameters, self.parameters, live_only=True)
 
 
 class Check(Strict):

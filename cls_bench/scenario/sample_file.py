@@ -54,8 +54,11 @@ _FACTORS = {
             "rad": 180.0 / math.pi, "mrad": 0.18 / math.pi},
     "N": {"n": 1.0, "newton": 1.0, "newtons": 1.0, "kn": 1e3, "mn": 1e-3, "MN": 1e6, "dan": 10.0,
           "lbf": 4.4482216152605, "lb": 4.4482216152605, "kgf": 9.80665, "kp": 9.80665, "kg": 9.80665, "g": 9.80665e-3},
+    "rad": {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180.0, "°": math.pi / 180.0},
+    "kt": {"kt": 1.0, "kts": 1.0, "kn": 1.0, "knots": 1.0, "m/s": 3600.0 / 1852.0, "km/h": 1.0 / 1.852},
+    "ft": {"ft": 1.0, "feet": 1.0, "m": 1.0 / 0.3048},
 }  # fmt: skip
-"""For each unit a segment can have, the factor from units that a header may name."""
+"""For each unit that values are wanted in, the factor from units that a header may name; of others none is known."""
 
 _OTHER_UNITS = ("mv", "ma", "nm", "oz", "gon", "grad", "pct", "percent")
 """Units of no known factor that end a header such as ``force_mA``; in brackets any unit is seen."""
@@ -91,11 +94,15 @@ _NEAR = 0.99 * CLOSEST
 """Stamps nearer to each other than this are one [s]: 50 µs, less what stamps since 1970 are rounded by."""
 
 
+def _factors(unit: str) -> Mapping[str, float]:
+    return _FACTORS.get(unit, {unit: 1.0, unit.casefold(): 1.0})
+
+
 class Keys(NamedTuple):
     """What a segment says of its file; None where it is to be found out."""
 
     unit: str
-    """``deg`` or ``N``"""
+    """``deg`` or ``N`` of a hand, any other of a parameter"""
     column: str
     time_column: str | None = None
     time_unit: str | None = None
@@ -105,6 +112,10 @@ class Keys(NamedTuple):
     skip: int = 0
     scale: float | None = None
     offset: float | None = None
+    bounds: tuple[float, float] | None = None
+    """of the values [unit]; None: what a hand can do"""
+    constant: bool = False
+    """whether all of them may be the same"""
 
 
 class Read(NamedTuple):
@@ -146,14 +157,15 @@ def read_samples(content: bytes, keys: Keys, span: float) -> Read:
     factor, stated = _time_factor(time_unit, keys, dated)
     scale = _scale(value_unit, keys)
     values = scale * raw + (keys.offset or 0.0)
-    _check_values(lines, values, keys.unit)
+    _check_values(lines, values, keys)
     _check_order(lines, stamps, table.time_name)
     times, shift = _placed(stamps, factor, keys, span)
     if not stated:
         _check_clock(stamps, times)
     times, values, averaged = _merged(times, values)
     _check_heard(times, values, span, keys, _Clock(stamps[0], bool(shift), stated, dated))
-    _check_rate(times, values, keys.unit)
+    if keys.unit == "deg" and keys.bounds is None:  # a force may jump, as in a step
+        _check_rate(times, values)
 
     heard = int(np.count_nonzero((times >= 0.0) & (times <= span)))
     said[0] = f"{len(times)} samples of {said[0]}, from {times[0]:.6g} to {times[-1]:.6g} s"
@@ -401,7 +413,7 @@ def _units(table: _Table, keys: Keys) -> tuple[int, str, str, bool]:
     spelt: Mapping[str, object]
     for header, cell, spelt, key, given in (
         (time_unit, row[0], _SPELT, "time_unit", keys.time_unit),
-        (value_unit, row[1], _FACTORS[keys.unit], "scale", keys.scale),
+        (value_unit, row[1], _factors(keys.unit), "scale", keys.scale),
     ):
         meant = [spelt.get(unit.casefold(), unit.casefold()) for unit in (header, cell)]
         if header and cell and meant[0] != meant[1] and given is None:
@@ -552,7 +564,7 @@ def _scale(unit: str, keys: Keys) -> float:
     """Factor from the file's values to the segment's unit."""
     if keys.scale is not None:
         return keys.scale
-    factors = _FACTORS[keys.unit]
+    factors = _factors(keys.unit)
     factor = factors.get(unit, factors.get(unit.casefold()))
     if unit and factor != 1.0:
         hint = f"give scale, in {keys.unit} per {escaped(unit)}" if factor is None else f"give scale = {factor:.12g}"
@@ -560,11 +572,12 @@ def _scale(unit: str, keys: Keys) -> float:
     return 1.0
 
 
-def _check_values(lines: Sequence[int], values: Array, unit: str) -> None:
-    limit = LARGEST[unit]
-    if len(bad := np.flatnonzero(~(np.abs(values) <= limit))):
+def _check_values(lines: Sequence[int], values: Array, keys: Keys) -> None:
+    unit = "" if keys.unit == "1" else f" {keys.unit}"
+    low, high = keys.bounds or (-LARGEST[keys.unit], LARGEST[keys.unit])
+    if len(bad := np.flatnonzero(~((values >= low) & (values <= high)))):
         k = int(bad[0])
-        raise ValueError(f"line {lines[k]}: {values[k]:g} {unit} is not valid; values lie from -{limit:g} to {limit:g} "
+        raise ValueError(f"line {lines[k]}: {values[k]:g}{unit} is not valid; values lie from {low:g} to {high:g}"
                          f"{unit}, after scale and offset")  # fmt: skip
 
 
@@ -655,6 +668,8 @@ def _check_heard(times: Array, values: Array, span: float, keys: Keys, clock: _C
         raise ValueError(f"would be heard in {heard} of its samples: {lasts}; {help_}")
     if keys.time_unit is None and share < (LITTLE if clock.stated else HALF):
         raise ValueError(f"would be heard in {heard} of its samples only: {lasts}; {help_}")
+    if keys.constant:
+        return
     if np.ptp(values) == 0.0:
         raise ValueError(f"holds {values[0]:g} {keys.unit} throughout; give another column, or hold that value")
     within = np.interp([0.0, span], times, values), values[inside]
@@ -666,9 +681,7 @@ LITTLE, HALF = 0.1, 0.5
 """Least share of a file's samples that is heard where the unit of its time is named by the file, or by none."""
 
 
-def _check_rate(times: Array, values: Array, unit: str) -> None:
-    if unit != "deg":
-        return  # a force may jump, as in a step
+def _check_rate(times: Array, values: Array) -> None:
     rates = np.abs(np.diff(np.radians(values))) / np.diff(times)
     k = int(np.argmax(rates))
     if rates[k] > FASTEST:

@@ -25,15 +25,18 @@ from pydantic import (
 
 from cls_bench.aircraft import Aircraft
 from cls_bench.controllers import Place
+from cls_bench.course import Course
 from cls_bench.errors import InputError
 from cls_bench.input.faults import FaultError, problem_of, shown
 from cls_bench.input.files import read_file
 from cls_bench.input.tables import LONGEST_LINE, Strict, place_of, worst
-from cls_bench.parameters import Parameters
-from cls_bench.parameters.override import differences, nested, parameters_with
+from cls_bench.parameters import PLANT, Parameters
+from cls_bench.parameters.override import differences, flat, nested, parameters_with
 from cls_bench.rigs import THESIS, Rig, find_rig
 from cls_bench.scenario.beyond import beyond_the_rig
 from cls_bench.scenario.entries import Change, Check, Controller, DriveStart, ExpectedTrip
+from cls_bench.scenario.flight import Flight, Flown, fly
+from cls_bench.scenario.moving import Motion, Switch, motion
 from cls_bench.scenario.placing import place
 from cls_bench.scenario.record import Record
 from cls_bench.scenario.sample_file import MOST_BYTES
@@ -97,6 +100,8 @@ class Scenario(Strict):
     """how tightly the hand grips, in order of time"""
     record: Record = Record()
     """what is recorded; without it all signals at their own rates"""
+    flight: Flight | None = None
+    """the flight that the feel model follows"""
     changes: list[Change] = Field(default_factory=list, max_length=1000)
     """what changes while the run goes on, in order of time"""
     checks: list[Check] = Field(default_factory=list, max_length=1000)
@@ -109,6 +114,7 @@ class Scenario(Strict):
     _start: Parameters = PrivateAttr()
     _aircraft: Aircraft | None = PrivateAttr(default=None)
     _files: dict[str, bytes] = PrivateAttr(default_factory=dict)
+    _motion: Motion = PrivateAttr(default=Motion({}, (), ()))
     _notes: tuple[str, ...] = PrivateAttr(default=())
 
     @model_validator(mode="wrap")
@@ -141,10 +147,14 @@ class Scenario(Strict):
         if origin.source is None:
             check_writable(self)
         self._find_rig()
+        for key, _ in flat(self.parameters):
+            if self.flight is not None and key in self.flight.drives:
+                raise FaultError(f"parameters.{key}", "follows from [flight]; give one of them")
         base, of_aircraft = self._with_aircraft()
         self._start = parameters_with("parameters", base, self.parameters)
         _check(self)
         self._read_samples()
+        self._set_in_motion()
         self._notes = (*self._notes, *of_aircraft, *beyond_the_rig(self.hand, self._start))
         written_for = origin.written_for
         if written_for not in ("", self.rig) and any(c.min is not None or c.max is not None for c in self.checks):
@@ -171,27 +181,55 @@ class Scenario(Strict):
         self._aircraft, self._files[aircraft.file] = aircraft, aircraft.source
         return put_on(setting, rig), tuple(said_of(aircraft, setting, rig))
 
-    def _read_samples(self) -> None:
-        """Take the samples of recorded hands from their files."""
+    def _content(self, key: str, name: str) -> bytes:
+        """Content of a file that is named at ``key``."""
         origin, given = self._origin, self._origin.files
         folder = origin.path.parent if origin.path else Path()
+        if given is not None and name not in given:
+            raise FaultError(key, f"{shown(name)} is not among the recording's attachments")
+        try:
+            self._files[name] = read_file(folder / name, MOST_BYTES) if given is None else given[name]
+        except OSError as error:
+            raise FaultError(key, f"{shown(name)} cannot be read: {error.strerror or error}") from None
+        return self._files[name]
+
+    def _set_in_motion(self) -> None:
+        """Work out how parameters move, and check them on their way."""
+        notes, flown, driven = list[str](), Flown({}, {}, ()), tuple[str, ...]()
+        if (flight := self.flight) is not None:
+            driven = flight.drives
+            content = None if flight.file is None else self._content("flight.file", flight.file)
+            flown = fly(flight, self.clock, self.duration, content)
+            self._start = parameters_with("flight", self._start, flown.start)
+            notes += flown.notes
+        files = {
+            k: self._content(f"changes[{k}].file", change.file)
+            for k, change in enumerate(self.changes) if change.file is not None
+        }  # fmt: skip
+        self._motion = motion(
+            self.changes, self._start, flown.courses, driven, self.clock, self.duration, files, notes
+        )  # fmt: skip
+        self._notes = (*self._notes, *notes)
+        for key, tick in self._motion.probes:
+            _check_step(key, self._at(key, tick, self.clock.time(int(tick))))
+        for k, change in enumerate(self.changes):
+            if any(key.partition(".")[0] in PLANT for key in (change.parameter or "", *dict(flat(change.parameters)))):
+                _check_step(f"changes[{k}].parameters", self.parameters_at(change.at + (change.over or 0.0)))
+
+    def _read_samples(self) -> None:
+        """Take the samples of recorded hands from their files."""
         ends = [*(segment.at for segment in self.hand[1:]), self.duration]
         notes = []
         for k, (segment, end) in enumerate(zip(self.hand, ends, strict=False)):
             if isinstance(segment, Samples):
                 key, file = f"hand[{k}].file", shown(segment.file)
                 own = segment.model_copy()  # another scenario may have been made with it
+                content = self._content(key, segment.file)
                 try:
-                    if given is not None and segment.file not in given:
-                        raise FaultError(key, f"{file} is not among the recording's attachments")
-                    content = read_file(folder / segment.file, MOST_BYTES) if given is None else given[segment.file]
                     notes.append(f"hand[{k}] {escaped(segment.file)}: {own._read(content, end - segment.at)}")
-                except OSError as error:
-                    raise FaultError(key, f"{file} cannot be read: {error.strerror or error}") from None
                 except ValueError as error:
                     raise FaultError(key, f"{file} {error}") from None
                 self.hand[k] = own
-                self._files[segment.file] = content
         self._notes = tuple(notes)
 
     @property
@@ -304,12 +342,15 @@ class Scenario(Strict):
 
     def on(self, parameters: Parameters) -> "Scenario":
         """The same hand on a bench with these parameters, taken as they are; nothing of the rig's is left."""
-        own = {"rig": THESIS, "aircraft": None, "parameters": differences(Parameters(), parameters)}
+        driven = () if self.flight is None else self.flight.drives
+        table = {key: value for key, value in differences(Parameters(), parameters).items() if key not in driven}
+        own = {"rig": THESIS, "aircraft": None, "parameters": table}
         other = self.model_copy(update=own)
         other._rig, other._start, other._aircraft = find_rig(THESIS), parameters, None
-        other._origin = Origin(self.name, self.path)
+        other._origin = Origin(self.name, self.path, files=self._files)
         try:
             _check(other)
+            other._set_in_motion()
         except FaultError as fault:
             raise InputError(f"{self.name}: {escaped(str(fault), LONGEST_LINE)}") from None
         return other
@@ -331,18 +372,45 @@ class Scenario(Strict):
         return self._start
 
     def parameters_at(self, time: float) -> Parameters:
-        """All parameters of the bench once every change up to and including ``time`` [s] was made."""
-        parameters, tick_of = self.parameters_at_start(), self.clock.tick_of
-        for change in self.changes:
-            if tick_of(change.at) <= tick_of(time):
-                parameters = change.apply(parameters)
-        return parameters
+        """All parameters of the bench in the PLC cycle of ``time`` [s], once every change up to then was made.
+
+        Of those that move it is the value on their way.
+        """
+        return self._at("changes", self.clock.plc_cycle(time), time)
+
+    def _at(self, key: str, tick: float, time: float) -> Parameters:
+        """Parameters at ``tick``, those that are no numbers at ``time`` [s]. Raises FaultError at ``key``."""
+        moved = ((name, found.at(tick)) for name, found in self._motion.courses.items())
+        table: dict[str, Any] = {name: value for name, value in moved if value is not None}
+        for switch in self._motion.switches:
+            if self.clock.tick_of(switch.at) <= self.clock.tick_of(time):
+                table |= switch.values
+        return parameters_with(key, self._start, table, live_only=True) if table else self._start
+
+    @property
+    def courses(self) -> Mapping[str, Course]:
+        """What live parameters that are numbers do while the run goes on, by dotted key."""
+        return self._motion.courses
+
+    @property
+    def switches(self) -> Sequence[Switch]:
+        """Live parameters that are no numbers, and when they change."""
+        return self._motion.switches
+
+    def moving(self, start: float, end: float) -> tuple[str, ...]:
+        """Keys of the parameters that change after ``start``, before ``end`` [s]."""
+        first, last = self.clock.plc_cycle(start), self.clock.plc_cycle(end) - 1
+        found = [key for key, course in self._motion.courses.items() if course.moves(first, last)]
+        for switch in self._motion.switches:
+            if start < switch.at < end:
+                found += switch.values
+        return tuple(dict.fromkeys(found))
 
 
 _TABLES: Mapping[str, type[Strict]] = {
     "aircraft": AircraftChoice,
     "controller": Controller, "drive": DriveStart, "squeeze": Squeeze, "record": Record, "changes": Change,
-    "checks": Check, "expected_trips": ExpectedTrip,
+    "checks": Check, "expected_trips": ExpectedTrip, "flight": Flight,
 }  # fmt: skip
 
 
@@ -387,12 +455,7 @@ def _check(scenario: Scenario) -> None:
     if not scenario.recorded_topics:
         raise FaultError("record.signals", f"{shown(scenario.record.signals)} are signals that {_gearbox(scenario)}")
     _check_checks(scenario)
-    parameters = scenario._start
-    _check_step("parameters", parameters)
-    for k, change in enumerate(scenario.changes):
-        key = f"changes[{k}].parameters"
-        parameters = parameters_with(key, parameters, change.parameters, live_only=True)
-        _check_step(key, parameters)
+    _check_step("parameters", scenario._start)
 
 
 def _check_checks(scenario: Scenario) -> None:

@@ -207,14 +207,9 @@ class Chirp(_Oscillation):
     """whether the frequency or its logarithm grows linearly with time"""
 
 
-class Samples(_Segment):
-    """Follow recorded samples, linearly interpolated; before the first and after the last its value is held."""
+class SampleKeys(Strict):
+    """How a file of recorded samples is read."""
 
-    kind: Literal["samples"] = "samples"
-    file: Name
-    """text file with a header and columns, as loggers and spreadsheets write it; relative to the scenario file"""
-    unit: Literal["deg", "N"]
-    """unit of the values, after scale and offset: an angle [deg] or a force [N]"""
     column: Name = "value"
     """header of the column with the values; its number, such as "2", in a file without headers"""
     time_column: Name | None = None
@@ -222,7 +217,7 @@ class Samples(_Segment):
     time_unit: Literal["s", "ms", "us", "µs", "ns", "min", "h", "d"] | None = None
     """unit of the time, or of the first field of a clock with two; that of the header, or s, if left out"""
     time_zero: Annotated[float, Field(ge=-1e20, le=1e20)] | None = None
-    """what the file's clock shows when the segment starts, in its own unit [1]; if left out 0, or the first
+    """what the file's clock shows at the start, in its own unit [1]; if left out 0, or the first
     sample's time where the clock has another origin"""
     delimiter: Literal[",", ";", "\t", "|", " "] | None = None
     """what separates the columns; found out if left out"""
@@ -234,6 +229,16 @@ class Samples(_Segment):
     """factor from the file's values to the unit [1]; 1 if left out"""
     offset: Annotated[float, Field(ge=-1e12, le=1e12)] | None = None
     """added to the scaled values, in the unit [1]; 0 if left out"""
+
+
+class Samples(_Segment, SampleKeys):
+    """Follow recorded samples, linearly interpolated; before the first and after the last its value is held."""
+
+    kind: Literal["samples"] = "samples"
+    file: Name
+    """text file with a header and columns, as loggers and spreadsheets write it; relative to the scenario file"""
+    unit: Literal["deg", "N"]
+    """unit of the values, after scale and offset: an angle [deg] or a force [N]"""
     _times: NDArray[np.float64] = PrivateAttr(default_factory=lambda: np.zeros(1))
     _values: NDArray[np.float64] = PrivateAttr(default_factory=lambda: np.zeros(1))
 
@@ -262,8 +267,8 @@ class Samples(_Segment):
 
         Returns what was understood, in one line; ValueError with one line if the file is not valid.
         """
-        keys = {name: getattr(self, name) for name in Keys._fields}
-        read = read_samples(content, Keys(**keys), span)
+        keys = {name: getattr(self, name) for name in SampleKeys.model_fields}
+        read = read_samples(content, Keys(unit=self.unit, **keys), span)
         self._times, self._values = read.times, np.radians(read.values) if self.unit == "deg" else read.values
         return read.note
 
