@@ -184,7 +184,7 @@ class Laws:
     # Slopes
 
     def fastest(self) -> tuple[float, float]:
-        """Bounds of stiffness [N·m/rad] and damping [N·m·s/rad] on the aft body, off its stop and below its rate limit."""
+        """Bounds of stiffness [N·m/rad] and damping [N·m·s/rad] on the aft body, off its stop, below its rate limit."""
         feel, s, servo = self.feel, self.feel.surface, self.feel.autopilot
         table = zip(pairwise(s.control_angle), pairwise(s.deflection), strict=True)
         ratios = [(y - x) / (b - a) for (a, b), (x, y) in table]
