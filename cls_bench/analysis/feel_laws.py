@@ -71,9 +71,9 @@ class Laws:
         self._borne = (1.0 - s.boost * hydraulics.pressure) * flight.dynamic_pressure * s.area * s.chord
         self._at_neutral = s.hinge_zero + s.hinge_alpha * flight.angle_of_attack + s.hinge_tab * flight.tab
         self._rate = s.hinge_rate * s.chord / (2.0 * flight.airspeed) if flight.airspeed > 0.0 else 0.0
-        self._fastest = math.inf
+        self.fastest_rate = math.inf  # of the aft body's actuator [rad/s]
         if hydraulics.maximum_rate > 0.0 and hydraulics.pressure > 0.0:
-            self._fastest = hydraulics.maximum_rate * math.sqrt(hydraulics.pressure)
+            self.fastest_rate = hydraulics.maximum_rate * math.sqrt(hydraulics.pressure)
         self._detents = tuple(zip(feel.detents.place, feel.detents.width, feel.detents.torque, strict=True))
         off = (1.0 - hydraulics.pressure) * hydraulics.off_friction
         column = [feel.friction, max(feel.friction, feel.static_friction), feel.stribeck_velocity]
@@ -114,8 +114,8 @@ class Laws:
         servo = feel.autopilot
         if servo.engaged:
             torque += clip(servo.stiffness * (angle - servo.reference) + servo.damping * velocity, servo.clutch)
-        if abs(velocity) > self._fastest:
-            torque += feel.hydraulics.rate_damping * (velocity - math.copysign(self._fastest, velocity))
+        if abs(velocity) > self.fastest_rate:
+            torque += feel.hydraulics.rate_damping * (velocity - math.copysign(self.fastest_rate, velocity))
         return torque
 
     def _gearing(self, angle: float) -> tuple[float, float]:
@@ -184,7 +184,7 @@ class Laws:
     # Slopes
 
     def fastest(self) -> tuple[float, float]:
-        """Bounds of stiffness [N·m/rad] and damping [N·m·s/rad] on the aft body, away from its stop."""
+        """Bounds of stiffness [N·m/rad] and damping [N·m·s/rad] on the aft body, off its stop, below its rate limit."""
         feel, s, servo = self.feel, self.feel.surface, self.feel.autopilot
         table = zip(pairwise(s.control_angle), pairwise(s.deflection), strict=True)
         ratios = [(y - x) / (b - a) for (a, b), (x, y) in table]
@@ -200,8 +200,6 @@ class Laws:
         damping = feel.linkage.damping + feel.aft.damping + self._linear_damping - self._borne * self._rate * ratio**2
         if servo.engaged:
             stiffness, damping = stiffness + servo.stiffness, damping + servo.damping
-        if self._fastest < math.inf:
-            damping += feel.hydraulics.rate_damping
         falls = self.falls(AFT)
         return stiffness, damping + (falls if falls < math.inf else 0.0)
 

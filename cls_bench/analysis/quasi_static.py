@@ -31,7 +31,7 @@ AT_REST = 1e-5
 LONGEST, SWINGS = 20.0, 100
 """Time [s] and reversals after which a jump that finds no rest is taken to the nearest equilibrium."""
 
-SHARE, NEAR = 0.1, 0.02
+SHARE, NEAR = 0.2, 0.02
 """Time step of a jump in the time of its fastest motion; how near to its stop [rad] a body may reach it in one."""
 
 
@@ -133,8 +133,9 @@ class Led:
             if left <= 0.0:
                 break
             net = self._net(self.aft)
-            if abs(net) <= self._at_rest + 1e-9:
-                slides = self._steady and abs(way * net - self._sliding) < 2.0 * self._damping * AT_REST
+            left_over = 2.0 * self._damping * AT_REST  # what keeps it at the speed that counts as rest
+            if abs(net) <= self._at_rest + left_over:
+                slides = self._steady and abs(way * net - self._sliding) < left_over
                 self._slides = way if slides else 0.0
                 return
             way = math.copysign(1.0, net)
@@ -150,7 +151,7 @@ class Led:
 
         at, speed, time = self.aft, 0.0, 0.0
         while time < longest:
-            h = self._moment(at)
+            h = self._moment(at, speed)
             a1 = acceleration(at, speed)
             v2 = speed + 0.5 * h * a1
             a2 = acceleration(at + 0.5 * h * speed, v2)
@@ -171,13 +172,15 @@ class Led:
         self.aft = at
         return time
 
-    def _moment(self, at: float) -> float:
+    def _moment(self, at: float, speed: float) -> float:
         """Time step [s] in which the aft body's fastest motion about ``at`` is followed closely."""
         limit = self._laws.feel.aft_limit
         near = not -limit.back + NEAR < at < limit.angle - NEAR
         stiffness, damping = self._stiffness, self._damping
         if near:
             stiffness, damping = stiffness + limit.stiffness, damping + limit.damping
+        if abs(speed) > 0.5 * self._laws.fastest_rate:
+            damping += self._laws.feel.hydraulics.rate_damping
         inertia = self._laws.inertia[AFT]
         return SHARE / (math.sqrt(stiffness / inertia) + damping / inertia)
 
