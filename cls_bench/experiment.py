@@ -374,7 +374,8 @@ def run_info(scenario: Scenario, bench: Bench, controller: Mapping[str, bytes | 
         mjcf={**bench.mjcf, **scenario.sample_files, **files},
         parameters=bench.parameters.model_dump(),
         metadata={
-            **scenario.the_rig.metadata, "title": scenario.title, "seed": str(scenario.seed),
+            **scenario.the_rig.metadata, **(scenario.the_aircraft.metadata if scenario.the_aircraft else {}),
+            "title": scenario.title, "seed": str(scenario.seed),
             "overrides": json.dumps(scenario.overrides),
             **({"notes": "\n".join(scenario.notes)} if scenario.notes else {}),
             "units": "SI; radians", "commit": _commit(), **{name: utf8(text) for name, text in about.items()},

@@ -1,4 +1,4 @@
-"""Where the models, rigs and scenarios that come with the package lie.
+"""Where the models, rigs, aircraft and scenarios that come with the package lie.
 
 In a checkout they are the top-level folders ``models/`` and ``scenarios/``; a wheel carries them inside the package.
 """
@@ -31,3 +31,8 @@ def shipped_scenarios() -> dict[str, Path]:
 def shipped_rigs() -> dict[str, Path]:
     """The rig files that come with the package by name (the file's stem), in alphabetical order."""
     return {path.stem: path for path in sorted((model_folder() / "rigs").glob("*.toml"))}
+
+
+def shipped_aircraft() -> dict[str, Path]:
+    """The aircraft files that come with the package by name (the file's stem), in alphabetical order."""
+    return {path.stem: path for path in sorted((model_folder() / "aircraft").glob("*.toml"))}

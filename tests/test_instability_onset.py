@@ -93,6 +93,22 @@ def test_a_tighter_grip_asks_for_more_simulated_inertia():
     assert limits[-1] > 2.0 * limits[0]
 
 
+def test_onset_with_two_bodies_is_the_linear_model_s():
+    p = changed(ideal(Parameters()), "feel.bodies", "two")
+    found = onset.find(Setup(p), variation("feel.inertia", 0.15, 0.35), STILL, tolerance=0.01, follow=False)
+    assert found.value == pytest.approx(found.predicted, rel=0.01)
+    one = onset.find(Setup(ideal(Parameters())), variation("feel.inertia", 0.15, 0.35), STILL, tolerance=0.01,
+                     follow=False)  # fmt: skip
+    assert found.predicted > 1.01 * one.predicted  # it is another model
+
+
+def test_two_bodies_of_the_bench_as_it_is_have_an_onset_over_limb_and_simulated_inertia():
+    setup = Setup(changed(at(0.3).parameters, "feel.bodies", "two"), Hand(1.0))
+    assert find(setup, "feel.inertia", 0.1, 0.8) == pytest.approx(RECORDED_ONSET, rel=0.15)
+    limit = find(setup, "forward_inertia", 0.1, 0.5)
+    assert 0.15 < limit < 0.3
+
+
 # The trial
 
 

@@ -9,9 +9,11 @@ import math
 import numpy as np
 import pytest
 
+from cls_bench.analysis.feel_laws import Laws
+from cls_bench.analysis.quasi_static import balanced
 from cls_bench.errors import InputError
 from cls_bench.linear.bench import LinearBench, winding
-from cls_bench.linear.cycle import Compensation
+from cls_bench.linear.cycle import Compensation, _answer
 from cls_bench.linear.hand import Hand, forward_inertia
 from cls_bench.linear.least import GRIPS, least_inertia
 from cls_bench.linear.linkage import levers, weight
@@ -19,6 +21,7 @@ from cls_bench.linear.plant import plant, resonances
 from cls_bench.linear.prediction import predict
 from cls_bench.linear.variation import Setup, changed, ideal
 from cls_bench.parameters import Parameters
+from tests.feel_solver import Model
 
 GRAVITY = 9.80665
 
@@ -222,10 +225,9 @@ def brute(p, hand, *, ticks, torque=None, hand_torque=None, start=None):
         x[body.column] = start
         x[body.column + 1 : n] = start
     amplified = before = speed = speed_sum = current_sum = output = last = position_sum = ahead = command = 0.0
-    phi = omega = 0.0
+    phi, omega, behind = 0.0, 0.0, [0.0, 0.0]
     to_plc, to_drive, volts = [(0.0, 0.0)] * 20, [(0.0,) * 4] * 20, [0.0] * 20
     newest, seen, arrived = (0.0,) * 4, (0.0, 0.0), (0.0,) * 4
-    steps = 2000  # of the feel model in a PLC cycle, far below its own period
     found, since = [], 0
     for k in range(ticks):
         force = body.rod_force @ x[: 2 * n]
@@ -242,17 +244,21 @@ def brute(p, hand, *, ticks, torque=None, hand_torque=None, start=None):
             total = measured + (0.0 if torque is None else torque(k))
             if p.plc.outer_loop == "velocity":
                 phi = seen[0] / ratio
-            dt = clock.plc_s / steps
-            # Leapfrog with the damping's closed form would do; the exact flow by a truncated series is simpler.
-            m = np.array([[0.0, 1.0], [-feel.stiffness / feel.inertia, -feel.damping / feel.inertia]])
-            state, drift = np.array([phi, omega]), np.array([0.0, total / feel.inertia])
+            # The exact flow by a truncated series.
+            c, d, aft, link = feel.stiffness, feel.damping, feel.aft, feel.linkage
+            m = np.array([[0.0, 1.0, 0, 0], [-c, -d, 0, 0], [0, 0, 0, 1.0], [0, 0, 0, 0]])
+            if feel.bodies == "two":
+                m[1] = -link.stiffness, -d - link.damping, link.stiffness, link.damping
+                m[3] = link.stiffness, link.damping, -c - link.stiffness, -aft.damping - link.damping
+            m[1], m[3] = m[1] / feel.inertia, m[3] / aft.inertia
+            drift = np.array([0.0, total / feel.inertia, 0.0, 0.0])
+            state = np.array([phi, omega, *behind])
             term, state_new = state.copy(), state.copy()
             for j in range(1, 30):
                 term = (m @ term + (drift if j == 1 else 0.0)) * (clock.plc_s / j)
                 state_new = state_new + term
-            phi, omega = state_new
-            assert dt > 0
-            alpha = (total - feel.stiffness * phi - feel.damping * omega) / feel.inertia
+            phi, omega, *behind = state_new
+            alpha = (m @ state_new + drift)[1]
             newest = ratio * phi, ratio * omega, ratio * alpha, (-measured / ratio if drive.feed_forward_pilot else 0.0)
         if k % clock.bus_ticks == 0:
             to_drive = [newest, *to_drive[:-1]]
@@ -329,6 +335,9 @@ def at_rates(p, name):
                   "plc__command_latency": 3, "drive__voltage_latency": 2}, "no_common_multiple_at_once", Hand(0.0)),
         ("no_linkage", {"plc__outer_loop": "velocity", "load_cell__gain_error": 0.2}, "plc_1kHz_drive_16kHz",
          Hand(None)),
+        ("thesis", {"feel__bodies": "two", "drive__feed_forward_inertia": True}, "plc_1kHz_drive_16kHz", Hand(1.0)),
+        ("one_stage", {"feel__bodies": "two", "plc__outer_loop": "velocity", "feel__linkage__stiffness": 3e4},
+         "plc_fast_position_slow", Hand(0.0)),
         ("three_stages", {"plc__command_latency": 0, "plc__feedback_latency": 0, "drive__voltage_latency": 0},
          "one_for_all", Hand(1.0)),
     ],
@@ -444,6 +453,75 @@ def test_what_the_bench_is_called_changes_nothing():
     stiff = changed(stiff, "gearbox.stage1.inertia", 1e-9)
     low = resonances(stiff)[0]
     assert low == pytest.approx(resonances(slow)[0], rel=1e-3)
+
+
+# The feel model's elements
+
+CALM = {
+    "friction": 0.0, "aft_limit": {"damping": 0.0}, "forward_limit": {"damping": 0.0},
+    "aft": {"friction": 0.0, "damping": 2.0}, "disturbance": {"torque": 0.0}, "neutral": 0.03,
+}  # fmt: skip
+EVERYTHING = {
+    **CALM, "q_feel": {"gradient": 0.01}, "centering": {"stiffness": 60.0, "breakout": 2.0},
+    "flight": {"dynamic_pressure": 2000.0, "airspeed": 60.0, "load_factor": 1.5},
+    "surface": {"area": 1.0, "chord": 0.3, "hinge_deflection": -0.05, "hinge_rate": -2.0, "gearing": 1.4, "boost": 0.3},
+    "detents": {"place": (0.01,), "width": (0.1,), "torque": (0.5,)}, "unbalance": {"gradient": 2.0, "level": 0.03},
+    "autopilot": {"engaged": True, "stiffness": 100.0, "damping": 4.0, "clutch": 20.0, "reference": 0.03},
+    "hydraulics": {"pressure": 0.6, "off_damping": 1.0, "feel_share": 0.5},
+    "linkage": {"damping": 3.0},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("bodies", ["one", "two"])
+@pytest.mark.parametrize(
+    "feel",
+    [
+        CALM, EVERYTHING, {**CALM, "trim": {"released": True}, "linkage": {"connected": False}},
+        {**CALM, "jam": {"of": "aft"}}, {**CALM, "linkage": {"pretension": 5.0, "override": 9.0}},
+        {**EVERYTHING, "autopilot": {"engaged": True, "clutch": 0.0}},
+    ],
+    ids=["plain", "everything", "let go", "jammed", "cables", "no clutch"],
+)
+def test_answer_is_the_compiled_feel_model_s_for_small_motion(feel, bodies):
+    """What a small torque does: the difference between the model with and without it, both about the trim."""
+    feel = {**feel, "bodies": bodies}
+    moved, still = (Model(feel, 0.03, 0.03) for _ in range(2))
+    laws = Laws(moved.feel)
+    if bodies == "two" and "jam" not in feel:
+        for model in (moved, still):
+            model.state.aft_angle = balanced(laws, 0.03) + 1e-8
+    hold = laws.column(0.03) + laws.link(0.03 - float(still.state.aft_angle))
+    answer = _answer(moved.feel, 4e-4)
+    x, push = np.zeros(len(answer.response)), 1e-4
+    expected, found = [], []
+    for _ in range(400):
+        x = answer.transition @ x + answer.response * push
+        moved.step(hold + push)
+        still.step(hold)
+        expected.append([x[0], x[1], answer.acceleration @ x + answer.of_torque * push])
+        found.append([getattr(moved.state, q) - getattr(still.state, q) for q in ("angle", "velocity", "acceleration")])
+    largest = np.abs(expected).max(axis=0)
+    jammed = bodies == "one" and "jam" in feel
+    assert np.all((largest > 0.0) == (not jammed))
+    assert np.all(np.abs(np.array(found) - expected).max(axis=0) <= 1e-5 * largest)
+
+
+def test_a_linkage_with_backlash_is_taken_as_in_contact():
+    def growth(backlash):
+        p = changed(changed(rig(), "feel.bodies", "two"), "feel.linkage.backlash", backlash)
+        return LinearBench(changed(p, "feel.inertia", 0.2), Hand(1.0)).growth
+
+    assert growth(0.02) == growth(0.0)
+
+
+def test_with_two_bodies_only_the_column_s_counts_against_the_limb_unless_the_linkage_is_stiff():
+    """The onset lies at 55 Hz: a cable swings at 12 Hz and lets the aft body be, a stiff rod takes it along."""
+    two = changed(rig(), "feel.bodies", "two")
+    one, soft = least_inertia(rig(), [Hand(1.0)])[0], least_inertia(two, [Hand(1.0)])[0]
+    assert soft == pytest.approx(one, rel=0.03)
+    rod = changed(changed(two, "feel.aft.inertia", 0.1), "feel.linkage.stiffness", 1e6)
+    rod = changed(rod, "feel.linkage.damping", 100.0)
+    assert least_inertia(rod, [Hand(1.0)])[0] + 0.1 == pytest.approx(one, rel=0.06)
 
 
 # The least inertia

@@ -302,3 +302,61 @@ def test_a_metric_reads_what_it_declares_and_all_of_it(name: str) -> None:
             asked |= source.asked
     assert not all(map(math.isnan, values))  # it came to its end at least once
     assert asked == metrics.signals_of(check)
+
+
+# --- at the grip -----------------------------------------------------------------------------------------------------
+
+AT_GRIP = {
+    "column__angle": 0.2 * np.sin(2 * math.pi * 0.5 * TIME),
+    "column__velocity": 0.2 * math.pi * np.cos(2 * math.pi * 0.5 * TIME),
+    # 35 N·m/rad, a centering of 1.2 N·m, friction of 0.6 N·m, at a grip of 0.3 m
+    "column__torque": 35.0 * 0.2 * np.sin(2 * math.pi * 0.5 * TIME) + 1.2 * np.sign(np.sin(2 * math.pi * 0.5 * TIME))
+    + 0.6 * np.sign(np.cos(2 * math.pi * 0.5 * TIME)),
+}
+
+
+def test_forces_at_the_grip_loading_and_unloading_either_way() -> None:
+    def force(at_deg: float, **more: float) -> float:
+        return value("grip_force", arguments={"at_deg": at_deg, **more}, **AT_GRIP)
+
+    spring = 35.0 * math.radians(6.0)
+    assert force(6.0) == pytest.approx((spring + 1.2 + 0.6) / 0.3, rel=0.003)
+    assert force(6.0, unloading=1.0) == pytest.approx((spring + 1.2 - 0.6) / 0.3, rel=0.003)
+    assert force(-6.0) == pytest.approx(-(spring + 1.2 + 0.6) / 0.3, rel=0.003)
+    assert force(-6.0, unloading=1.0) == pytest.approx(-(spring + 1.2 - 0.6) / 0.3, rel=0.003)
+
+
+def test_friction_at_the_grip_is_half_the_difference() -> None:
+    for at in (-6.0, 6.0):
+        assert value("grip_friction", arguments={"at_deg": at}, **AT_GRIP) == pytest.approx(0.6 / 0.3, rel=0.01)
+
+
+def test_no_force_where_the_column_does_not_pass() -> None:
+    assert "does not pass 20 deg away from neutral" in why_not("grip_force", arguments={"at_deg": 20.0}, **AT_GRIP)
+    assert "is neutral, or next to it" in why_not("grip_force", arguments={"at_deg": 0.5}, **AT_GRIP)
+    assert "both ways" in why_not("grip_friction", 0.0, 0.45, arguments={"at_deg": 6.0}, **AT_GRIP)
+
+
+def test_breakout_at_the_grip() -> None:
+    angle = np.where(TIME < 2.0, 0.0, -(TIME - 2.0) * 0.1)
+    torque = np.where(TIME < 2.0, -2.0 * TIME, -1.0)
+    found = value("grip_breakout", column__angle=angle, column__torque=torque)
+    assert found == pytest.approx(4.0 / 0.3, rel=0.02)
+
+
+def test_return_angle_has_a_sign_and_needs_a_release() -> None:
+    signals = {"column__angle": np.full(len(TIME), -0.02), "pilot__squeeze": np.full(len(TIME), -1.0)}
+    assert value("return_angle_deg", **signals) == pytest.approx(math.degrees(-0.02))  # type: ignore[arg-type]
+    assert "still grips" in why_not("return_angle_deg", column__angle=signals["column__angle"])
+    signals["column__angle"] = 0.1 * np.sin(TIME)
+    assert "does not rest" in why_not("return_angle_deg", **signals)  # type: ignore[arg-type]
+
+
+def test_free_play_is_the_travel_between_two_forces() -> None:
+    """2 mm of play at a grip of 0.3 m, then 20 N/mm: 10 N lie 0.5 mm beyond each end."""
+    travel = 3.0 * np.sin(2 * math.pi * 0.5 * TIME)  # mm
+    force = 20.0 * np.sign(travel) * np.maximum(np.abs(travel) - 1.0, 0.0)
+    signals = {"column__angle": travel * 1e-3 / 0.3, "column__torque": 0.3 * force}
+    found = value("grip_play_mm", arguments={"force_N": 10.0}, **signals)
+    assert found == pytest.approx(3.0, abs=0.01)
+    assert "not beyond ±50 N" in why_not("grip_play_mm", arguments={"force_N": 50.0}, **signals)

@@ -15,6 +15,7 @@ from cls_bench.linear.plant import plant
 from cls_bench.linear.prediction import critical, growth_rate, inner_loop, loop_gain, predict, rule
 from cls_bench.linear.variation import Setup, changed, ideal, variation
 from cls_bench.parameters import Parameters
+from cls_bench.parameters.override import override
 from cls_bench.stability import trial
 from cls_bench.stability.trial import STILL
 from cls_bench.stability.validation import RATES, RIGS, Configuration, bench, compare, difference, points
@@ -159,6 +160,59 @@ def changed_to(setup: Setup, key: str, value: float) -> Setup:
 @pytest.mark.parametrize("rig", list(RIGS))
 def test_growth_rate_of_every_rig_is_that_of_the_simulation(rig, rates):
     p = bench(rig, rates)
+    worst, _ = least_inertia(p, [Hand(1.0)])
+    for factor in (0.9, 1.1):
+        setup = Setup(changed(p, "feel.inertia", factor * worst), Hand(1.0))
+        seen, predicted = trial.run(setup, STILL), LinearBench(setup.parameters, setup.hand).growth
+        assert seen.growth == pytest.approx(predicted.real, abs=0.15)
+        assert seen.frequency == pytest.approx(predicted.imag / (2.0 * math.pi), rel=0.005)
+
+
+FEELS = {
+    "two bodies": {"bodies": "two"},
+    "two bodies, stiff rod": {"bodies": "two", "linkage": {"stiffness": 2e4, "damping": 3.0}},
+    "aft body jammed": {"bodies": "two", "jam": {"of": "aft"}},
+    "disconnected": {"bodies": "two", "linkage": {"connected": False}},
+    "everything": {
+        "bodies": "two", "q_feel": {"gradient": 0.01}, "centering": {"stiffness": 60.0, "breakout": 2.0},
+        "flight": {"dynamic_pressure": 2000.0, "airspeed": 60.0}, "unbalance": {"gradient": 2.0},
+        "surface": {"area": 1.0, "chord": 0.3, "hinge_deflection": -0.05, "hinge_rate": -2.0},
+        "detents": {"place": (0.0,), "width": (0.1,), "torque": (0.5,)},
+        "autopilot": {"engaged": True, "stiffness": 100.0, "damping": 4.0, "clutch": 20.0},
+        "hydraulics": {"pressure": 0.6, "off_damping": 1.0},
+    },
+    "everything on one body": {
+        "centering": {"stiffness": 60.0, "breakout": 2.0}, "unbalance": {"gradient": 2.0},
+        "flight": {"dynamic_pressure": 2000.0, "airspeed": 60.0},
+        "surface": {"area": 1.0, "chord": 0.3, "hinge_deflection": -0.05, "hinge_rate": -2.0},
+        "detents": {"place": (0.0,), "width": (0.1,), "torque": (0.5,)},
+        "autopilot": {"engaged": True, "stiffness": 100.0, "damping": 4.0, "clutch": 20.0},
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("architecture", ["position", "velocity"])
+@pytest.mark.parametrize("feel", FEELS)
+def test_growth_rate_of_every_feel_model_is_that_of_the_simulation(feel, architecture):
+    p = changed(ideal(override(Parameters(), {"feel": FEELS[feel]})), "plc.outer_loop", architecture)
+    worst, _ = least_inertia(p, [Hand(1.0)])
+    for factor in (0.9, 1.1):
+        setup = Setup(changed(p, "feel.inertia", factor * worst), Hand(1.0))
+        seen, predicted = trial.run(setup, STILL), LinearBench(setup.parameters, setup.hand).growth
+        assert seen.stable == (factor > 1.0)
+        if seen.reason == "dies out":  # sooner than four windows could agree
+            continue
+        assert seen.growth == pytest.approx(predicted.real, abs=0.06)
+        assert seen.frequency == pytest.approx(predicted.imag / (2.0 * math.pi), rel=0.005)
+
+
+@pytest.mark.parametrize("rates", list(RATES))
+@pytest.mark.parametrize("rig", list(RIGS))
+def test_growth_rate_with_two_bodies_on_every_rig_is_that_of_the_simulation(rig, rates):
+    p = bench(rig, rates)
+    inertia = p.feel.inertia
+    two = {"bodies": "two", "aft": {"inertia": inertia}, "linkage": {"stiffness": 3000.0 * inertia}}
+    p = ideal(override(p, {"feel": two}))
     worst, _ = least_inertia(p, [Hand(1.0)])
     for factor in (0.9, 1.1):
         setup = Setup(changed(p, "feel.inertia", factor * worst), Hand(1.0))

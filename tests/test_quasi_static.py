@@ -133,8 +133,9 @@ def test_the_feel_model_that_runs_asks_for_the_same_in_a_slow_sweep(name: str) -
     led = Model({**feel, "damping": 0.0})
     angle, torque = led.swept(0.15, 0.06)
     away = np.abs(static_curve(led.feel, angle) - torque)[20:]  # the model begins at rest, out of balance
-    assert np.median(away) < 0.01
-    assert np.quantile(away, 0.9) < 0.1  # corners ring in what has inertia
+    whole = float(np.ptp(torque))
+    assert np.median(away) < 0.004 * whole
+    assert np.quantile(away, 0.9) < 0.02 * whole  # corners ring in what has inertia
 
 
 def test_four_hundred_points_take_no_time() -> None:

@@ -13,6 +13,7 @@ have no mean, are left out.
 
 import math
 from bisect import bisect_right
+from itertools import pairwise
 from typing import NamedTuple
 
 from cls_bench.feel.elements.travel_limit import TravelLimit
@@ -181,6 +182,28 @@ class Laws:
         return (static - coulomb) / falls if falls > 0.0 else math.inf
 
     # Slopes
+
+    def fastest(self) -> tuple[float, float]:
+        """Bounds of stiffness [N·m/rad] and damping [N·m·s/rad] on the aft body, away from its stop."""
+        feel, s, servo = self.feel, self.feel.surface, self.feel.autopilot
+        table = zip(pairwise(s.control_angle), pairwise(s.deflection), strict=True)
+        ratios = [(y - x) / (b - a) for (a, b), (x, y) in table]
+        ratio = max(map(abs, ratios), default=abs(s.gearing))
+        steepest = [peak * 2.0 * math.pi / width for _, width, peak in self._detents]
+        steepest += [
+            peak * abs(b - a) * (len(feel.detents.profile) - 1) / width
+            for _, width, peak in self._detents for a, b in pairwise(feel.detents.profile)
+        ]  # fmt: skip
+        stiffness = feel.linkage.stiffness + self._spring + self._unit + max(steepest, default=0.0)
+        stiffness += abs(self._borne * s.hinge_deflection) * ratio**2
+        stiffness += abs(feel.flight.load_factor * feel.unbalance.gradient)
+        damping = feel.linkage.damping + feel.aft.damping + self._linear_damping - self._borne * self._rate * ratio**2
+        if servo.engaged:
+            stiffness, damping = stiffness + servo.stiffness, damping + servo.damping
+        if self._fastest < math.inf:
+            damping += feel.hydraulics.rate_damping
+        falls = self.falls(AFT)
+        return stiffness, damping + (falls if falls < math.inf else 0.0)
 
     def slopes(self, column: float, aft: float) -> Slopes:
         """Stiffness and damping of each part where the bodies are, at rest.

@@ -250,15 +250,20 @@ AT_REST = 1.0 * DEG
 """Speed [rad/s] under which the column counts as resting."""
 
 
-@_metric(
-    "N·m",
-    signals=("/column.angle", "/load_cell.torque"),
-    threshold_deg=Argument(0.5, "deg", "how far the column must have moved to count as moving", 0.001, 60.0),
-    below_hz=Argument(30.0, "Hz", "faster changes are left out, as by a force gauge: blows within the backlash", 0.5,
-                      1000.0),
-)  # fmt: skip
+_THRESHOLD = Argument(0.5, "deg", "how far the column must have moved to count as moving", 0.001, 60.0)
+_GAUGE = Argument(
+    30.0, "Hz", "faster changes are left out, as by a force gauge: blows within the backlash", 0.5, 1000.0
+)
+
+
+@_metric("N·m", signals=("/column.angle", "/load_cell.torque"), threshold_deg=_THRESHOLD, below_hz=_GAUGE)
 def breakout_torque(window: Window, threshold_deg: float, below_hz: float) -> float:
     """Largest torque at the load cell before the column moves, from the window's start."""
+    return _breakout(window, "/load_cell.torque", threshold_deg, below_hz)
+
+
+def _breakout(window: Window, signal: str, threshold_deg: float, below_hz: float) -> float:
+    """Largest magnitude of a torque [N·m] before the column has moved by a threshold."""
     angle = window["/column.angle"]
     _periods(window, below_hz, 2.0)
     first = angle[: _rows(window, 0.02)]
@@ -271,7 +276,7 @@ def breakout_torque(window: Window, threshold_deg: float, below_hz: float) -> fl
     from scipy.signal import sosfiltfilt  # takes longer to import than a short run to simulate
 
     sos = _filter(2, below_hz, "lowpass", window.rate)
-    torque = sosfiltfilt(sos, window["/load_cell.torque"])[: int(moved[0]) + 1]
+    torque = sosfiltfilt(sos, window[signal])[: int(moved[0]) + 1]
     return float(np.max(np.abs(torque)))
 
 
@@ -531,10 +536,84 @@ def rest_offset_deg(window: Window) -> float:
     """Distance of the column from the feel model's neutral at the window's end (mean of 0.1 s)."""
     if window.own_loop:
         raise Unmeasured("neutral is the feel model's, but a user's own outer loop ran")
-    last = window["/column.angle"][-_rows(window, 0.1) :]
+    return abs(_resting(window, _rows(window, 0.1)) - window.parameters.feel.neutral) / DEG
+
+
+# --- at the grip, as a maintenance manual has it ----------------------------------------------------------------------
+
+_GRIP = ("/column.angle", "/column.velocity", "/column.torque")
+_AT_GRIP = Argument(None, "deg", "column angle at which the force is taken, forward positive", -170.0, 170.0)
+
+
+def _passing(window: Window, at_deg: float) -> tuple[list[float], list[float]]:
+    """Forces at the grip [N] in the passages of an angle: away from neutral, and back."""
+    neutral = window.parameters.feel.neutral
+    side = math.copysign(1.0, at_deg * DEG - neutral)
+    found = _passages(window, at_deg * DEG)
+    height = window.parameters.column.grip_height
+    away = [passage.torque / height for passage in found if passage.velocity * side > 0.0]
+    back = [passage.torque / height for passage in found if passage.velocity * side < 0.0]
+    return away, back
+
+
+@_metric(
+    "N", signals=_GRIP, at_deg=_AT_GRIP,
+    unloading=Argument(0.0, "1", "1: on the way back to neutral, 0: away from it", 0.0, 1.0),
+)  # fmt: skip
+def grip_force(window: Window, at_deg: float, unloading: float) -> float:
+    """Force of the pilot at the grip while the column passes an angle away from neutral; forward positive."""
+    if abs(at_deg * DEG - window.parameters.feel.neutral) < 2.0 * BAND:
+        raise Unmeasured(f"{at_deg:g} deg is neutral, or next to it: there is no way from it and back")
+    found = _passing(window, at_deg)[1 if unloading else 0]
+    if not found:
+        way = "towards neutral" if unloading else "away from neutral"
+        raise Unmeasured(f"the column does not pass {at_deg:g} deg {way} without stopping")
+    return float(np.mean(found))
+
+
+@_metric("N", signals=_GRIP, at_deg=_AT_GRIP)
+def grip_friction(window: Window, at_deg: float) -> float:
+    """Half the difference of the forces at the grip at one angle both ways: friction as maintenance manuals have it."""
+    away, back = _passing(window, at_deg)
+    if not away or not back:
+        raise Unmeasured(f"the column does not pass {at_deg:g} deg both ways without stopping")
+    return 0.5 * abs(float(np.mean(away)) - float(np.mean(back)))
+
+
+@_metric("N", signals=("/column.angle", "/column.torque"), threshold_deg=_THRESHOLD, below_hz=_GAUGE)
+def grip_breakout(window: Window, threshold_deg: float, below_hz: float) -> float:
+    """Largest force at the grip, either way, before the column has moved, from the window's start."""
+    return _breakout(window, "/column.torque", threshold_deg, below_hz) / window.parameters.column.grip_height
+
+
+@_metric("deg", signals=("/column.angle", "/pilot.squeeze"))
+def return_angle_deg(window: Window) -> float:
+    """Column angle, forward positive, at which it rests at the window's end after a release (mean of 0.1 s)."""
+    rows = _rows(window, 0.1)
+    if np.any(window["/pilot.squeeze"][-rows:] >= 0.0):
+        raise Unmeasured("the hand still grips at the window's end")
+    return _resting(window, rows) / DEG
+
+
+def _resting(window: Window, rows: int) -> float:
+    """Mean angle [rad] of the last samples; Unmeasured unless the column rests there."""
+    last = window["/column.angle"][-rows:]
     if (moved := float(np.ptp(last))) > 0.1 * AT_REST:
         raise Unmeasured(f"the column does not rest at the window's end: it moves by {moved / DEG:.2g} deg in 0.1 s")
-    return abs(float(np.mean(last)) - window.parameters.feel.neutral) / DEG
+    return float(np.mean(last))
+
+
+@_metric(
+    "mm", signals=("/column.angle", "/column.torque"),
+    force_N=Argument(None, "N", "force at the grip up to which the travel is taken, either way", 0.01, 1000.0),
+)  # fmt: skip
+def grip_play_mm(window: Window, force_N: float) -> float:
+    """Travel of the grip between a force and the same one the other way: free play with the stretch behind it."""
+    height = window.parameters.column.grip_height
+    force, angle = window["/column.torque"] / height, window["/column.angle"]
+    if np.max(force) < force_N or np.min(force) > -force_N:
+        raise Unmeasured(f"the force goes from {np.min(force):.3g} to {np.max(force):.3g} N, not beyond ±{force_N:g} N")
+    return float(np.ptp(angle[np.abs(force) <= force_N])) * height * 1e3
 
 
 # --- limits ----------------------------------------------------------------------------------------------------------

@@ -3,8 +3,8 @@
 The hand is stiff and infinitely slow, so the column is where the path says, and its damping is not felt. An aft body
 follows through the linkage: it stays until the torque on it exceeds its friction, and then slides along the angles at
 which both are equal. Where there is no such angle nearby (friction that falls when it moves, a detent that lets go, a
-servo's reference far away) it jumps, and where it comes to rest is the motion of its own inertia with the column held,
-solved by scipy. In the limit of no speed Stribeck's friction is that at rest; one that falls at once is Coulomb's.
+servo's reference far away) it jumps, and where it comes to rest is the motion of its own inertia with the column held.
+In the limit of no speed Stribeck's friction is that at rest; one that falls at once is Coulomb's.
 """
 
 import math
@@ -25,11 +25,14 @@ STEP = 2e-3
 SHORTEST = 1e-4
 """Shortest such step [rad]."""
 
-AT_REST = 1e-7
+AT_REST = 1e-5
 """Speed [rad/s] at which a jump is over."""
 
-LONGEST, SWINGS = 30.0, 200
+LONGEST, SWINGS = 20.0, 100
 """Time [s] and reversals after which a jump that finds no rest is taken to the nearest equilibrium."""
+
+SHARE, NEAR = 0.1, 0.02
+"""Time step of a jump in the time of its fastest motion; how near to its stop [rad] a body may reach it in one."""
 
 
 def static_curve(feel: Feel, angles: Array, aft: float | None = None) -> Array:
@@ -65,6 +68,7 @@ class Led:
         falls = laws.falls(AFT)
         self._steady = falls == math.inf or falls <= feel.aft.damping + feel.linkage.damping
         self._at_rest, self._sliding = laws.at_rest(AFT), slow_friction(laws, AFT)
+        self._stiffness, self._damping = laws.fastest()
         if laws.two and not laws.jammed[AFT] and abs(self._net(aft)) > self._at_rest:
             self._jump(self._sign(aft))
 
@@ -123,34 +127,59 @@ class Led:
 
     def _jump(self, way: float) -> None:
         """Let the aft body go where its inertia takes it, the column held."""
-        from scipy.integrate import solve_ivp  # takes longer to import than most curves to work out
-
-        laws, column, inertia = self._laws, self.column, self._laws.inertia[AFT]
-        time = 0.0
+        left = LONGEST
         for _ in range(SWINGS):
-
-            def rate(_: float, y: Array, way: float = way) -> list[float]:
-                at, speed = float(y[0]), float(y[1])
-                net = laws.link(column - at, -speed) - laws.aft(at, speed)
-                return [speed, (net - way * laws.friction(AFT, speed)) / inertia]
-
-            def rest(_: float, y: Array, way: float = way) -> float:
-                return float(y[1]) * way - AT_REST
-
-            rest.terminal, rest.direction = True, -1.0  # type: ignore[attr-defined]
-            swing = solve_ivp(
-                rate, (time, LONGEST), [self.aft, 0.0], "DOP853", events=rest, rtol=1e-8, atol=1e-10, max_step=0.02
-            )
-            self.aft, time = float(swing.y[0, -1]), float(swing.t[-1])
-            if swing.status == 0:
+            left -= self._swing(way, left)
+            if left <= 0.0:
                 break
             net = self._net(self.aft)
             if abs(net) <= self._at_rest + 1e-9:
-                slides = self._steady and abs(way * net - self._sliding) < 1e-5
+                slides = self._steady and abs(way * net - self._sliding) < 2.0 * self._damping * AT_REST
                 self._slides = way if slides else 0.0
                 return
             way = math.copysign(1.0, net)
-        self.aft, self._slides = _balanced(laws, column, self.aft), 0.0
+        self.aft, self._slides = _balanced(self._laws, self.column, self.aft), 0.0
+
+    def _swing(self, way: float, longest: float) -> float:
+        """Move the aft body until it stops (Runge-Kutta, fourth order); returns the time that it takes [s]."""
+        laws, column, inertia = self._laws, self.column, self._laws.inertia[AFT]
+
+        def acceleration(at: float, speed: float) -> float:
+            net = laws.link(column - at, -speed) - laws.aft(at, speed)
+            return (net - way * laws.friction(AFT, speed)) / inertia
+
+        at, speed, time = self.aft, 0.0, 0.0
+        while time < longest:
+            h = self._moment(at)
+            a1 = acceleration(at, speed)
+            v2 = speed + 0.5 * h * a1
+            a2 = acceleration(at + 0.5 * h * speed, v2)
+            v3 = speed + 0.5 * h * a2
+            a3 = acceleration(at + 0.5 * h * v2, v3)
+            v4 = speed + h * a3
+            a4 = acceleration(at + h * v3, v4)
+            after = speed + h / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
+            if way * after <= 0.0:  # it stops within the step, its speed falling on a straight line
+                share = speed / (speed - after) if speed != after else 0.0
+                self.aft = at + 0.5 * share * h * speed
+                return time + share * h
+            at += h / 6.0 * (speed + 2.0 * v2 + 2.0 * v3 + v4)
+            slower = way * after < way * speed
+            speed, time = after, time + h
+            if slower and way * speed < AT_REST:
+                break
+        self.aft = at
+        return time
+
+    def _moment(self, at: float) -> float:
+        """Time step [s] in which the aft body's fastest motion about ``at`` is followed closely."""
+        limit = self._laws.feel.aft_limit
+        near = not -limit.back + NEAR < at < limit.angle - NEAR
+        stiffness, damping = self._stiffness, self._damping
+        if near:
+            stiffness, damping = stiffness + limit.stiffness, damping + limit.damping
+        inertia = self._laws.inertia[AFT]
+        return SHARE / (math.sqrt(stiffness / inertia) + damping / inertia)
 
 
 def balanced(laws: Laws, column: float) -> float:

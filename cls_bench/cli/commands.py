@@ -7,6 +7,7 @@ from typing import Any, NoReturn
 import click
 
 from cls_bench.cli import basics, feel, report, rigs, stability
+from cls_bench.cli.aircraft import aircraft
 from cls_bench.cli.failures import Debug
 from cls_bench.cli.failures import report as report_failure
 from cls_bench.cli.sweep import sweep
@@ -58,6 +59,7 @@ group.help = f"{group.help}\n\nExit codes: {', '.join(f'{code:d} {code.title}' f
 
 for _command in (basics.run, basics.list_, basics.validate, basics.schema, rigs.rigs, feel.feel):
     group.add_command(_command)
+group.add_command(aircraft)
 group.add_command(sweep)
 group.add_command(view)
 group.add_command(verify)

@@ -518,7 +518,7 @@ Draw = Callable[[RecordedRun, Sequence[Span]], Iterator[Picture]]
 
 _FIGURES: tuple[tuple[tuple[str, ...], str | None, Draw], ...] = (
     (("breakout_torque",), None, friction),
-    (("hysteresis", "static_friction"), None, static),
+    (("hysteresis", "static_friction", "grip_force", "grip_friction", "grip_play_mm"), None, static),
     (("part60_tolerance_used",), None, released),
     (("tracking_amplitude_ratio", "tracking_phase_lag_ms"), None, tracking),
     (("oscillation_amplitude_deg", "oscillation_frequency_hz"), None, squeezing),

@@ -15,7 +15,7 @@ ENTRIES = ("hand", "squeeze", "changes", "checks", "expected_trips")
 """Arrays of tables, whose entries a key can name."""
 
 TOP = ("duration", "seed", "rig")
-"""Keys of the scenario itself; all others are parameters, or begin with ``record.``."""
+"""Keys of the scenario itself; all others are parameters, or begin with ``record.`` or ``aircraft.``."""
 
 LONGEST_OVERRIDE = 10_000
 """Characters of an override."""
@@ -35,7 +35,7 @@ def place(table: dict[str, Any], key: str, value: Any) -> str:
         table = _entry(table, match[1], int(match[2]))
         *parents, last = match[3].split(".")
     else:
-        if key not in TOP and not key.startswith("record."):
+        if key not in TOP and not key.startswith(("record.", "aircraft.")):
             key = "parameters." + key.removeprefix("parameters.")
         *parents, last = key.split(".")
     for parent in parents:

@@ -23,6 +23,7 @@ from pydantic import (
     model_validator,
 )
 
+from cls_bench.aircraft import Aircraft
 from cls_bench.controllers import Place
 from cls_bench.errors import InputError
 from cls_bench.input.faults import FaultError, problem_of, shown
@@ -37,6 +38,7 @@ from cls_bench.scenario.placing import place
 from cls_bench.scenario.record import Record
 from cls_bench.scenario.sample_file import MOST_BYTES
 from cls_bench.scenario.segments import SEGMENTS, Line, Name, Samples, Segment, Span, Squeeze
+from cls_bench.scenario.with_aircraft import AircraftChoice, put_on, said_of
 from cls_bench.scenario.writing import as_toml, check_writable
 from cls_bench.signals import Clock, Topic, topics
 from cls_bench.step_limit import unstable_parameter
@@ -81,6 +83,8 @@ class Scenario(Strict):
     """seed of the sensors' noise [1]"""
     rig: Name = THESIS
     """what it is run on: a rig that comes with the bench (`cls-bench rigs`), or a file, relative to this one"""
+    aircraft: AircraftChoice | None = None
+    """an aircraft's control, whose feel is put on the rig before the parameters"""
     parameters: dict[str, Any] = Field(default_factory=dict)
     """values that differ from the rig's, by dotted key, SI"""
     drive: DriveStart = DriveStart()
@@ -103,6 +107,7 @@ class Scenario(Strict):
     _origin: Origin = PrivateAttr(default_factory=Origin)
     _rig: Rig = PrivateAttr()
     _start: Parameters = PrivateAttr()
+    _aircraft: Aircraft | None = PrivateAttr(default=None)
     _files: dict[str, bytes] = PrivateAttr(default_factory=dict)
     _notes: tuple[str, ...] = PrivateAttr(default=())
 
@@ -136,10 +141,11 @@ class Scenario(Strict):
         if origin.source is None:
             check_writable(self)
         self._find_rig()
-        self._start = parameters_with("parameters", self._rig.parameters, self.parameters)
+        base, of_aircraft = self._with_aircraft()
+        self._start = parameters_with("parameters", base, self.parameters)
         _check(self)
         self._read_samples()
-        self._notes = (*self._notes, *beyond_the_rig(self.hand, self._start))
+        self._notes = (*self._notes, *of_aircraft, *beyond_the_rig(self.hand, self._start))
         written_for = origin.written_for
         if written_for not in ("", self.rig) and any(c.min is not None or c.max is not None for c in self.checks):
             said = f"checks: their limits were written for the rig {shown(written_for)}"
@@ -154,6 +160,16 @@ class Scenario(Strict):
             raise FaultError("rig", str(error)) from None
         if self._rig.name != THESIS:
             self._files[self._rig.file] = self._rig.source
+
+    def _with_aircraft(self) -> tuple[Parameters, tuple[str, ...]]:
+        """The rig's parameters with the feel of the aircraft, if there is one, and what is to be said of it."""
+        rig = self._rig.parameters
+        if self.aircraft is None:
+            return rig, ()
+        folder = self._origin.path.parent if self._origin.path else Path()
+        aircraft, setting = self.aircraft.found(folder, self._origin.files)
+        self._aircraft, self._files[aircraft.file] = aircraft, aircraft.source
+        return put_on(setting, rig), tuple(said_of(aircraft, setting, rig))
 
     def _read_samples(self) -> None:
         """Take the samples of recorded hands from their files."""
@@ -218,6 +234,11 @@ class Scenario(Strict):
         return self._rig
 
     @property
+    def the_aircraft(self) -> Aircraft | None:
+        """The aircraft whose feel is put on the rig, if there is one."""
+        return self._aircraft
+
+    @property
     def controller_place(self) -> Place | None:
         """Where its controller is to be found; None for the feel model."""
         if self.controller is None:
@@ -273,7 +294,8 @@ class Scenario(Strict):
             values = {**values, "rig": rig.file if rig.is_file else rig.name}
         overridden = frozenset(place(table, key, value) for key, value in values.items())
         same_rig = rig or (None if "rig" in values else self._rig)
-        others = any(key == "rig" or key.endswith(".file") for key in values)  # files that it has not read yet
+        # whether it names files that it has not read yet
+        others = any(key in ("rig", "aircraft.name") or key.endswith(".file") for key in values)
         origin = Origin(
             self.name, self.path, None, (), overridden, None if others and rig is None else self._files, same_rig,
             self._origin.file,
@@ -282,8 +304,9 @@ class Scenario(Strict):
 
     def on(self, parameters: Parameters) -> "Scenario":
         """The same hand on a bench with these parameters, taken as they are; nothing of the rig's is left."""
-        other = self.model_copy(update={"rig": THESIS, "parameters": differences(Parameters(), parameters)})
-        other._rig, other._start = find_rig(THESIS), parameters
+        own = {"rig": THESIS, "aircraft": None, "parameters": differences(Parameters(), parameters)}
+        other = self.model_copy(update=own)
+        other._rig, other._start, other._aircraft = find_rig(THESIS), parameters, None
         other._origin = Origin(self.name, self.path)
         try:
             _check(other)
@@ -317,6 +340,7 @@ class Scenario(Strict):
 
 
 _TABLES: Mapping[str, type[Strict]] = {
+    "aircraft": AircraftChoice,
     "controller": Controller, "drive": DriveStart, "squeeze": Squeeze, "record": Record, "changes": Change,
     "checks": Check, "expected_trips": ExpectedTrip,
 }  # fmt: skip

@@ -47,8 +47,11 @@ Array = NDArray[np.float64]
 LOOPS = ("velocity-loop", "position-loop", "outer-loop", "rendered-admittance")
 STEPPED, MULTISINE, CHIRP = "stepped-sine", "multisine", "chirp"
 
-SETTLE = 0.3
-"""Time given to transients before a spectrum is taken [s]."""
+SETTLE, LONGEST_SETTLE = 0.3, 4.0
+"""Time given to transients before a spectrum is taken [s]; the longest where the feel model's own last longer."""
+
+LEFT = 1e-3
+"""What is to be left of them."""
 
 LINES = 50
 """Frequencies asked of a multisine; fewer remain where its grid is coarser than their spacing."""
@@ -122,8 +125,15 @@ def measure(
     excitation.check(clock)
     if hand_excited:
         return _admittance(setup, excitation, make_loop)
-    signal = (_stepped if excitation.kind == STEPPED else _multisine)(excitation, _Grid.of(clock))
+    settle = _settle(setup) if loop == "outer-loop" and make_loop is None else SETTLE
+    signal = (_stepped if excitation.kind == STEPPED else _multisine)(excitation, _Grid.of(clock), settle)
     return _probed(setup, loop, signal, make_loop)
+
+
+def _settle(setup: Setup) -> float:
+    """Time in which a feel model's linkage has swung out, with the loop cut [s]."""
+    rate = -LinearBench(setup.parameters, setup.hand, closed=False).growth_rate
+    return max(SETTLE, min(-math.log(LEFT) / rate, LONGEST_SETTLE)) if rate > 0.0 else SETTLE
 
 
 @dataclass(frozen=True)
@@ -166,9 +176,9 @@ class _Signal:
         return len(self.windows) > 1 and np.array_equal(self.frequencies[0], self.frequencies[1])
 
 
-def _stepped(e: Excitation, grid: _Grid) -> _Signal:
+def _stepped(e: Excitation, grid: _Grid, settle_s: float) -> _Signal:
     """One frequency after the other, each with time to settle; measured over 0.12 s and 4 periods at least."""
-    settle = round(SETTLE / grid.period)
+    settle = round(settle_s / grid.period)
     angle: list[Array] = [np.zeros(len(grid.time(0, settle)))]
     windows, frequencies = [], []
     at = settle
@@ -177,7 +187,7 @@ def _stepped(e: Excitation, grid: _Grid) -> _Signal:
         count = round(whole / wanted / grid.period)
         frequency = whole / (count * grid.period)
         time = grid.time(0, settle + count)
-        fade = np.minimum(time / (0.5 * SETTLE), 1.0)
+        fade = np.minimum(time / (0.5 * settle_s), 1.0)
         angle.append(np.radians(e.amplitude) * fade * np.sin(2.0 * np.pi * frequency * time))
         windows.append((at + settle, at + settle + count))
         frequencies.append(np.array([frequency]))
@@ -185,7 +195,7 @@ def _stepped(e: Excitation, grid: _Grid) -> _Signal:
     return _Signal(grid, np.concatenate(angle), tuple(windows), tuple(frequencies))
 
 
-def _multisine(e: Excitation, grid: _Grid) -> _Signal:
+def _multisine(e: Excitation, grid: _Grid, settle_s: float) -> _Signal:
     """Sums of sines of random phase with amplitudes ∝ 1/f, about logarithmically spaced on a grid of one period.
 
     Each realisation is scaled to the peak amplitude, led in by a part of its own period, then measured over two of
@@ -195,7 +205,7 @@ def _multisine(e: Excitation, grid: _Grid) -> _Signal:
     count = round(period / grid.period)
     lines = np.unique(np.round(np.geomspace(math.ceil(e.low * period - 1e-9), e.high * period, LINES)).astype(int))
     frequencies = lines / (count * grid.period)
-    lead = round(SETTLE / grid.period)
+    lead = round(settle_s / grid.period)
     rng = np.random.default_rng(e.seed)
     time = grid.time(-lead, 2 * count)
     led_in = len(grid.time(0, lead)) // 2

@@ -69,6 +69,12 @@ def growing(subject: Subject) -> Iterator[Row]:
         finest = _growth(subject.alter(changed(p, "simulation.substeps", SUBSTEPS[-1])))
         yield Row(GROUP, f"{what}: growth rate with {SUBSTEPS[-1]} steps a tick", "1/s", expected.real, law,
                   finest.real, 0.002)  # fmt: skip
+    two = changed(changed(bare, "feel.bodies", "two"), "feel.inertia", GROWING[0])
+    expected, obtained = LinearBench(two, Hand(1.0)).growth, _growth(subject.alter(two))
+    what = "tight grip, no friction, feel model of two bodies"
+    yield Row(GROUP, f"{what}: growth rate", "1/s", expected.real, law, obtained.real, 0.02)
+    yield Row(GROUP, f"{what}: frequency", "Hz", expected.imag / (2.0 * math.pi), law,
+              obtained.imag / (2.0 * math.pi), 0.005)  # fmt: skip
     onset = critical(Setup(bare), variation("feel.inertia", 0.15, 0.30))
     low, high = (_growth(subject.alter(changed(bare, "feel.inertia", inertia))).real for inertia in ONSET)
     found = ONSET[0] + (ONSET[1] - ONSET[0]) * low / (low - high) if low > 0.0 > high else math.nan
