@@ -11,6 +11,7 @@ import pytest
 from scipy.linalg import expm
 
 from cls_bench.parameters import Feel
+from tests.oracles.feel_broad import broad
 from tests.oracles.feel_driver import CYCLE, Model, feel_of, motion
 from tests.oracles.feel_reference import reference
 from tests.oracles.feel_signatures import ANGLES, BASE, SIGNATURES
@@ -82,6 +83,27 @@ def test_agrees_with_an_integration_in_small_steps(seed, capsys):
               f"{own / MDEG:.4f}")  # fmt: skip
     assert own < 0.3 * MDEG
     assert off < 0.3 * MDEG  # asked for is 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(10))
+def test_agrees_over_wide_ranges(seed, capsys):
+    """Thirty models each of any stiffness and friction: within 1 mdeg, or within what the reference's steps leave."""
+    r, found = np.random.default_rng(100 + seed), []
+    for _ in range(30):
+        f, x = feel_of(broad(r)), r.uniform(-0.15, 0.15)
+        start = [x, r.normal() * (r.random() < 0.7), 0.0, 0.0]
+        if f.bodies == "two":
+            start[2:] = x + r.uniform(-0.02, 0.02) * (r.random() < 0.5), r.normal() * (r.random() < 0.7)
+        torque = np.repeat(r.normal(size=5) * r.choice([0.0, 5.0, 20.0], 5), 50)
+        fine, coarse = reference(f, torque, 250, start), reference(f, torque, 250, start, step=0.4e-6)
+        moved = motion(f, torque, 250, start)
+        here = abs(fine[:, 0]) < 2.0
+        off, own = (abs(rows - fine)[here][:, [0, 2]].max() for rows in (moved, coarse))
+        assert off < max(MDEG, 4.0 * own)
+        found.append(off / MDEG)
+    with capsys.disabled():
+        print(f"\nseed {seed}: largest difference {max(found):.3f} mdeg, median {np.median(found):.5f}")
 
 
 def test_the_sets_have_all_that_they_are_to_have():

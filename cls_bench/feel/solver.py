@@ -139,13 +139,14 @@ def _rate(piece: Any, last: int) -> float:
             continue
         stiffness = abs(piece.stiffness[i]) + piece.link_stiffness
         damping = abs(piece.damping[i]) + piece.link_damping
+        net = _net(piece, i) if piece.sine[i] != 0.0 or piece.stribeck[i] > 0.0 else 0.0
         if piece.sine[i] != 0.0:
             stiffness += piece.sine[i] * piece.sine_wave[i]
             rate += piece.sine_wave[i] * abs(piece.velocity[i])
-            squares += piece.sine_wave[i] * abs(_net(piece, i)) / piece.inertia[i]
+            squares += piece.sine_wave[i] * abs(net) / piece.inertia[i]
         if piece.stribeck[i] > 0.0:
             over = (piece.static[i] - piece.coulomb[i]) * math.exp(-abs(piece.velocity[i]) / piece.stribeck[i])
-            net = _net(piece, i) - piece.damping[i] * piece.velocity[i] - piece.way[i] * (piece.coulomb[i] + over)
+            net -= piece.damping[i] * piece.velocity[i] + piece.way[i] * (piece.coulomb[i] + over)
             damping += over / piece.stribeck[i]
             rate += abs(net) / (piece.inertia[i] * piece.stribeck[i])
         squares += stiffness / piece.inertia[i]
