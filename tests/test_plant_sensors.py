@@ -322,7 +322,8 @@ def test_more_noise_of_one_source_leaves_the_others_to_the_last_bit(source):
                                   "/feel.angle", "/feel.velocity", "/feel.torque", *surface},
               "/load_cell.counts": {"/load_cell.torque", "/feel.torque"},
               "/column.potentiometer": set(),  # nobody uses it
-              "/load_cell.torque": {"/feel.angle", "/feel.velocity", "/feel.torque", "/limits.bus", *surface}}  # fmt: skip
+              "/load_cell.torque": {"/feel.angle", "/feel.velocity", "/feel.torque", "/limits.bus",
+                                    *surface}}  # fmt: skip
     differ = {name for name in more.signals if not np.array_equal(more[name], less[name])}
     assert noisy in differ
     assert differ <= {noisy} | follow[noisy]

@@ -44,6 +44,8 @@ FIGURES = {
     "feel_malfunctions": ["aft_side", "overview"],
     "feel_shaker_pusher": ["evenness", "overview"],
     "feel_trim": ["aft_side", "overview"],
+    "feel_q": ["aft_side", "overview"],
+    "feel_gusts": ["aft_side", "overview"],
 }
 
 

@@ -30,7 +30,8 @@ IDEAL = ["encoder.noise=0.0", "load_cell.noise=0.0", "gearbox.stage1.transmissio
          "gearbox.stage2.transmission_error=0.0", "load_cell.filter_bandwidth=100000.0",
          "potentiometer.noise=0.0", *(f"feel.{key}" for key in (
              'bodies="two"', "neutral=0.02", "stiffness=30.0", "aft.inertia=0.05", "aft.damping=0.2", "linkage.stiffness=500.0", "linkage.damping=3.0",
-             "aft_limit.angle=0.5", "forward_limit.angle=0.5", "surface.area=0.8", "surface.chord=0.4",
+             "aft_limit.angle=0.5", "forward_limit.angle=0.5",
+             "surface.area=0.8", "surface.chord=0.4",
              "surface.hinge_zero=0.01", "surface.hinge_deflection=-0.05", "surface.gearing=1.4",
              "flight.dynamic_pressure=900.0", "autopilot.engaged=true", "autopilot.stiffness=20.0",
              "autopilot.clutch=100.0", "autopilot.damping=1.0", "autopilot.rate=0.0", "autopilot.reference=0.1"))]

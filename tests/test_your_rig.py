@@ -1,4 +1,4 @@
-"""docs/your_rig.md, rigs.md and feel.md: files are written, commands run, and what the pages show is what they print."""
+"""docs/your_rig.md, rigs.md, feel.md: files are written, commands run, and what they print is what the pages show."""
 
 import re
 import shlex
