@@ -243,6 +243,16 @@ steep = feel_of({"inertia": 0.01, "damping": 0.0, "friction": 5.0, "static_frict
 counts = [0]
 motion(steep, 30.0, 20)
 found["steep"] = max(counts), sum(counts) / 20
+kink = feel_of({"damping": 60.0, "friction": 0.0, "stiffness": 0.0, "flight.dynamic_pressure": 2000.0,
+                "surface": {"area": 1.0, "chord": 0.3, "hinge_zero": -0.05, "control_angle": [-0.3, 0.05, 0.3],
+                            "deflection": [-0.2, 0.1, 0.9]}})
+counts = [0]
+motion(kink, 40.0, 200, (0.05 - 1e-6, 1e-4, 0.0, 0.0))  # torque steps by 66 N·m there: pushed to it from either side
+found["kink"] = max(counts), sum(counts) / 200
+balance = feel_of({"bodies": "two", "friction": 0.0, "aft.friction": 0.0, "aft.damping": 2.0, "damping": 1.0})
+counts = [0]
+motion(balance, 0.0, 3000, (0.01, 0.0, 0.0098, 0.0))  # to rest, without friction to hold it
+found["balance"] = max(counts), sum(counts) / 3000
 print(json.dumps(found))
 """
 
@@ -255,6 +265,10 @@ def test_a_cycle_takes_few_pieces():
     found = json.loads(done.stdout)
     most, _ = found.pop("steep")  # it speeds up through all of Stribeck's curve, down from 1e-4 rad/s, in a cycle
     assert 2 <= most <= 200
+    most, mean = found.pop("kink")
+    assert 10 < most <= 300 and mean < 30.0  # it rattles where the torque jumps, and comes to rest there
+    most, mean = found.pop("balance")
+    assert most == mean == 1.0  # nothing happens at the reversals of what has no friction
     for most, mean in found.values():
         assert 2 <= most <= 6  # measured 4
         assert mean < 1.6  # measured 1.44

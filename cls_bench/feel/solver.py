@@ -30,8 +30,12 @@ _REACH = 0.4
 """Longest piece, in the time of the fastest motion."""
 
 _SOON = 1e-9
-"""Shortest piece, as a share of what was left of the cycle: an event at hand does not stop time."""
+"""Shortest piece to an event, as a share of the piece: an event at hand does not stop time."""
 
+_RATTLING, _COARSE = 100, 1e-3
+"""After so many pieces in a cycle, the shortest to an event is that share of the cycle: what rattles without an end, as
+at a kink where the torque jumps, comes to rest.
+"""
 
 _CURVE_ENDS = 32.0
 """Speed, in Stribeck velocities, from which on nothing is left of Stribeck's curve: e⁻³² is 1e-14."""
@@ -104,10 +108,8 @@ def _net(piece: Any, i: int) -> float:
 def _choose(feel: Any, state: Any, piece: Any, last: int) -> None:
     """Find the piece, and for each body whether it moves, and whither; 0 is at rest."""
     piece.way[0], piece.way[1] = _sign(state.velocity), _sign(state.aft_velocity)
-    for attempt in range(3):
+    for _ in range(2):
         _look(feel, state, piece)
-        if attempt == 2:
-            break
         caught = False
         for i in range(last + 1):
             if piece.held[i] != 0:
@@ -123,11 +125,17 @@ def _choose(feel: Any, state: Any, piece: Any, last: int) -> None:
         for i in range(last + 1):
             if piece.held[i] == 0 and piece.velocity[i] == 0.0:
                 net = _net(piece, i)
-                if abs(net) > piece.static[i]:
-                    piece.way[i] = _sign(net)
+                if abs(net) > piece.static[i] or piece.static[i] == 0.0:
+                    piece.way[i] = 1.0 if net >= 0.0 else -1.0
                     settled = False
         if settled:
-            break
+            return
+        _look(feel, state, piece)
+        for i in range(last + 1):
+            if piece.way[i] != 0.0 and piece.velocity[i] == 0.0 and piece.way[i] * _net(piece, i) < -piece.static[i]:
+                # At a kink where the torque jumps, and either side drives back to it: there it stays in this cycle.
+                piece.way[i], piece.held[i] = 0.0, 1
+        return
 
 
 @compiled
@@ -258,7 +266,8 @@ def _row(piece: Any, a: float, b: float, c: float, d: float, e: float) -> None:
 def _events(piece: Any, last: int) -> int:
     """Put all events of the piece beside the elements' own; returns the first of the bodies' own.
 
-    Of each body two: its reversal, and the edge ahead.
+    Of each body two: its reversal, and the edge ahead. Without friction nothing changes at a reversal; the edge behind is
+    then the other one.
     """
     if last == 1:
         for i in range(2):
@@ -279,15 +288,18 @@ def _events(piece: Any, last: int) -> int:
     for i in range(last + 1):
         a, c = (1.0, 0.0) if i == 0 else (0.0, 1.0)
         way = piece.way[i]
-        edge = piece.high[i] if way > 0.0 else piece.low[i]
-        _row(piece, 0.0, way * a, 0.0, way * c, 0.0)
+        behind, edge = (piece.low[i], piece.high[i]) if way >= 0.0 else (piece.high[i], piece.low[i])
+        if piece.static[i] > 0.0 or way == 0.0:
+            _row(piece, 0.0, way * a, 0.0, way * c, 0.0)
+        else:
+            _row(piece, way * a, 0.0, way * c, 0.0, -way * behind if abs(behind) < math.inf else math.inf)
         reachable = way != 0.0 and abs(edge) < math.inf
         _row(piece, -way * a, 0.0, -way * c, 0.0, way * edge if reachable else math.inf)
     return int(first)
 
 
 @compiled
-def _first_event(piece: Any, last: int, terms: int, time: float) -> tuple[float, int]:
+def _first_event(piece: Any, last: int, terms: int, time: float, soon: float) -> tuple[float, int]:
     """The share of the piece at which the first event comes, and its row; 1 and −1 if none does.
 
     An event is where its expression is below 0. It is bisected, to the last bit, on the expression's polynomial. Angles
@@ -326,27 +338,30 @@ def _first_event(piece: Any, last: int, terms: int, time: float) -> tuple[float,
                 high = middle
             else:
                 low = middle
-        share, what, new = max(high, _SOON), row, True
+        share, what, new = max(high, soon), row, True
     piece.angle[0], piece.velocity[0], piece.angle[1], piece.velocity[1] = x0, v0, x1, v1
     return share, what
 
 
 @compiled
-def _arrive(state: Any, piece: Any, last: int, event: int) -> None:
-    """At an event of a single body it is where the event is, without rounding."""
+def _arrive(state: Any, piece: Any, event: int, rattling: bool) -> None:
+    """At an event of a single body it is where the event is, without rounding; at an edge at rest if it rattles there."""
     if event < 0:
         return
     i = event // 2
-    edge = piece.high[i] if piece.way[i] > 0.0 else piece.low[i]
-    if event % 2 == 0:
+    reversal = event % 2 == 0 and piece.static[i] > 0.0
+    if not reversal:
+        ahead = event % 2 == 1
+        edge = piece.high[i] if (piece.way[i] > 0.0) == ahead else piece.low[i]
+        if i == 0:
+            state.angle = edge
+        else:
+            state.aft_angle = edge
+    if reversal or rattling:
         if i == 0:
             state.velocity = 0.0
         else:
             state.aft_velocity = 0.0
-    elif i == 0:
-        state.angle = edge
-    else:
-        state.aft_angle = edge
 
 
 @compiled
@@ -366,7 +381,7 @@ def step(feel: Any, state: Any, piece: Any, torque: float, time: float, cycle: f
     else:
         piece.torque[0] = state.torque
     remaining = cycle
-    for _ in range(PIECES):
+    for count in range(PIECES):
         _choose(feel, state, piece, last)
         if piece.way[0] == 0.0 and (last == 0 or piece.way[1] == 0.0):  # at rest for the rest of the cycle
             state.acceleration, state.aft_acceleration = 0.0, 0.0
@@ -377,13 +392,15 @@ def step(feel: Any, state: Any, piece: Any, torque: float, time: float, cycle: f
         terms = _terms(piece, last, rate * length)
         _series(piece, last, length, terms)
         first = _events(piece, last)
-        share, what = _first_event(piece, last, terms, length)
+        rattling = count >= _RATTLING and length > _COARSE * cycle
+        soon = _COARSE * cycle / length if rattling else _SOON
+        share, what = _first_event(piece, last, terms, length, soon)
         state.angle, state.velocity = piece.angle[0], piece.velocity[0]
         state.acceleration = _acceleration(piece, 0, share, terms, length)
         if last == 1:
             state.aft_angle, state.aft_velocity = piece.angle[1], piece.velocity[1]
             state.aft_acceleration = _acceleration(piece, 1, share, terms, length)
-        _arrive(state, piece, last, what - first)
+        _arrive(state, piece, what - first, rattling)
         if share == 1.0 and length == remaining:
             break
         remaining -= share * length

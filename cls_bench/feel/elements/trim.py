@@ -38,7 +38,7 @@ def _act(feel: Any, state: Any, piece: Any) -> None:
 
 @compiled
 def _show(feel: Any, state: Any) -> None:
-    state.surface.trim = state.trim.zero
+    state.surface.trim = state.trim.zero if state.trim.begun != 0.0 else feel.neutral
 
 
 class Trim(Element):
