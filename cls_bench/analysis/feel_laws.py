@@ -16,8 +16,7 @@ from bisect import bisect_right
 from itertools import pairwise
 from typing import NamedTuple
 
-from cls_bench.feel.elements.travel_limit import TravelLimit
-from cls_bench.parameters import Feel
+from cls_bench.parameters import Feel, TravelLimit
 
 COLUMN, AFT = 0, 1
 

@@ -266,8 +266,8 @@ def _row(piece: Any, a: float, b: float, c: float, d: float, e: float) -> None:
 def _events(piece: Any, last: int) -> int:
     """Put all events of the piece beside the elements' own; returns the first of the bodies' own.
 
-    Of each body two: its reversal, and the edge ahead. Without friction nothing changes at a reversal; the edge behind is
-    then the other one.
+    Of each body two: its reversal, and the edge ahead. Without friction nothing changes at a reversal; the edge behind
+    is then the other one.
     """
     if last == 1:
         for i in range(2):
@@ -345,7 +345,7 @@ def _first_event(piece: Any, last: int, terms: int, time: float, soon: float) ->
 
 @compiled
 def _arrive(state: Any, piece: Any, event: int, rattling: bool) -> None:
-    """At an event of a single body it is where the event is, without rounding; at an edge at rest if it rattles there."""
+    """At an event of a single body it is where the event is, without rounding; at rest there if it rattles."""
     if event < 0:
         return
     i = event // 2

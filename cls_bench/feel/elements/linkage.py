@@ -6,6 +6,7 @@ With the bodies' difference u = φ − φ_aft and e = |u| − backlash/2, the li
     k(e) = stiffness · e                                        as long as both cables are taut
          = pretension + ½ stiffness · e                         from e = 2 pretension / stiffness on: one is slack
 
+Without backlash nothing can let go: there T is ±override at most, and the damping acts both ways.
 ``override`` is the preload of a spring strut that gives way, for a jam on the other side. Cables that are disconnected,
 or cut, carry nothing.
 """
