@@ -24,7 +24,7 @@ from tests.running import advanced, collected, parameters
 
 BASE = parameters({
     "gearbox.stages": 3,
-    "feel.detents": {"place": [0.1], "width": [0.05], "torque": [1.0], "profile": [-0.9, 0.1, 0.9]},
+    "feel.detents": {"place": [0.1], "width": [0.05], "torque": [1.0], "profile": [0.9, 0.1, -0.9]},
     "feel.surface": {"control_angle": [-0.3, 0.3], "deflection": [-0.3, 0.4]},
 })  # fmt: skip
 """The thesis's rig with a third stage, a detent and a gearing, so that every parameter means something."""

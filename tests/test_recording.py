@@ -541,8 +541,8 @@ def test_rerun_has_the_plots_the_events_and_the_poses(rrd: tuple[Path, list[Bloc
     path, blocks = rrd
     _, values = rrd_table(path, "/plots/angle_deg", "Scalars:scalars")
     column = joined(blocks, "/column")[ticks_of(blocks, 1) % 8 == 0, 0]
-    feel = joined(blocks, "/feel")[:, 1]
-    assert np.allclose(values, np.rad2deg(np.stack([column, feel], axis=1)), rtol=1e-12)
+    feel, surface = joined(blocks, "/feel")[:, 1], joined(blocks, "/surface")[:, 0]
+    assert np.allclose(values, np.rad2deg(np.stack([column, feel, surface], axis=1)), rtol=1e-12)
 
     times, texts = rrd_table(path, "/events", "TextLog:text")
     events = [event for block in blocks for event in block.events]

@@ -46,7 +46,15 @@ FIGURES = {
     "feel_trim": ["aft_side", "overview"],
     "feel_q": ["aft_side", "overview"],
     "feel_gusts": ["aft_side", "overview"],
-}
+    **{
+        name: ["static", "squeezing", "squeezing_close", "overview"]
+        for name in shipped_scenarios() if name.startswith("aircraft_")
+    },
+    "aircraft_bell412": ["static", "free_response_1", "squeezing", "squeezing_close", "overview"],
+    **dict.fromkeys(
+        ["aircraft_cyclic", "aircraft_engine_lever", "aircraft_light_aircraft_locked"], ["static", "overview"]
+    ),
+}  # fmt: skip
 
 
 def invoke(*arguments: object) -> Any:

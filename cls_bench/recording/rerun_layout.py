@@ -74,6 +74,7 @@ TORQUE = Plot("/plots/torque", "Torque at the column [N·m]", (
 ))  # fmt: skip
 ANGLE = Plot("/plots/angle_deg", "Column angle, set against measured [°]", (
     ("/column", "angle", "column [°]", MEASURED), ("/feel", "angle", "feel model [°]", MODEL),
+    ("/surface", "deflection", "surface [°]", MOTOR),
 ), DEGREES)  # fmt: skip
 MOTOR_TORQUE = Plot("/plots/motor_torque", "Motor torque [N·m]", (
     ("/drive", "torque", "air gap [N·m]", MOTOR), ("/drive", "torque_command", "command [N·m]", MODEL),
