@@ -192,7 +192,8 @@ class Commands:
 
     def cycle(self, f: Any, seat: float, time: float, cycle: float) -> tuple[float, float, float]:
         """(torque on the column, on the aft body, zero of the feel unit)."""
-        self.position = _towards(self.position, f.neutral, f.trim.rate * cycle if f.trim.rate > 0.0 else math.inf)
+        waits = f.trim.rate > 0.0 and not f.trim.released
+        self.position = _towards(self.position, f.neutral, f.trim.rate * cycle if waits else math.inf)
         if f.trim.released:
             self.offset = seat - self.position
         if f.autopilot.engaged:
