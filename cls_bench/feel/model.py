@@ -166,6 +166,9 @@ each_cycle: Any = in_turn([e.each_cycle for e in ELEMENTS.values() if e.each_cyc
 act: Any = in_turn([e.act for e in ELEMENTS.values() if e.act is not None])
 """(feel, state, piece): torques around the point where the bodies are, of all elements."""
 
+forget: Any = in_turn([e.forget for e in ELEMENTS.values() if e.forget is not None])
+"""(feel, state): what is forgotten while nothing obeys the model, of all elements."""
+
 show: Any = in_turn([e.show for e in ELEMENTS.values() if e.show is not None])
 """(feel, state): what is recorded, of all elements."""
 
