@@ -300,8 +300,9 @@ def rate_limited(f: Feel) -> Rows:
     h, torque, t = f.hydraulics, 6.0, after()
     most = h.maximum_rate * math.sqrt(h.pressure)
     begun = most * f.inertia / torque
-    s, pole = np.maximum(t - begun, 0.0), h.rate_damping / f.inertia
-    beyond = torque / h.rate_damping
+    damping = h.pressure * h.rate_damping
+    s, pole = np.maximum(t - begun, 0.0), damping / f.inertia
+    beyond = torque / damping
     x = 0.5 * torque / f.inertia * np.minimum(t, begun) ** 2 + most * s
     x += beyond * (s - (1.0 - np.exp(-pole * s)) / pole)
     v = np.where(t < begun, torque / f.inertia * t, most + beyond * (1.0 - np.exp(-pole * s)))
@@ -652,6 +653,14 @@ def test_shapes_without_a_closed_form_agree_with_an_integration(values):
     found, exact = motion(f, torque, 600, (-0.1, 0.5)), reference(f, torque, 600, (-0.1, 0.5), step=0.4e-6)
     assert np.ptp(found[:, 0]) > 0.1
     np.testing.assert_allclose(found[:, 0], exact[:, 0], rtol=0, atol=1e-6)
+
+
+def test_hydraulics_that_fail_slowly_end_as_those_that_are_off():
+    """The last thousandth of the pressure, gone or not, is not felt: nothing blocks on the way down."""
+    base = {**BARE, "hydraulics.maximum_rate": 0.6, "hydraulics.off_damping": 2.0, "hydraulics.off_friction": 0.5}
+    ends = [motion(feel_of({**base, "hydraulics.pressure": left}), 3.0, 500)[-1] for left in (1e-3, 0.0)]
+    assert ends[1][1] > 0.5
+    np.testing.assert_allclose(ends[0], ends[1], rtol=0.1)
 
 
 def test_a_detent_that_pushes_out_at_its_edge_is_refused():

@@ -89,7 +89,7 @@ def _seat(f, x, v, zero, lead, lead_rate):
     total -= (1.0 - h.pressure) * h.off_damping * v
     if h.maximum_rate > 0.0 and h.pressure > 0.0:
         most = h.maximum_rate * math.sqrt(h.pressure)
-        total -= h.rate_damping * (v - _clip(v, most))
+        total -= h.pressure * h.rate_damping * (v - _clip(v, most))
     if f.autopilot.engaged:
         total += _clip(f.autopilot.stiffness * (lead - x) + f.autopilot.damping * (lead_rate - v), f.autopilot.clutch)
     return total
