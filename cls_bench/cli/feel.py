@@ -44,8 +44,7 @@ def feel(
     those at the grip.
     """
     began = time.time()
-    from cls_bench.claims import file_name
-    from cls_bench.experiment import RECORDINGS
+    from cls_bench.claims import RECORDINGS, file_name
     from cls_bench.parameters import DEG
     from cls_bench.report.feel_figure import feel_figure, felt, swing
     from cls_bench.report.style import save
