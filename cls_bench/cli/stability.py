@@ -403,8 +403,7 @@ def stability_map(
     Ctrl-C keeps the points that are done, in points.jsonl; --resume continues from there.
     """
     began = time.time()
-    from cls_bench.claims import replaced
-    from cls_bench.claims import RECORDINGS
+    from cls_bench.claims import RECORDINGS, replaced
     from cls_bench.linear.variation import variation
     from cls_bench.report.style import save
     from cls_bench.stability import figures
