@@ -1,4 +1,4 @@
-"""Autopilot: a servo with a slip clutch on the aft body, which back-drives the control (thesis 3.5.2; T_ap).
+"""Autopilot: a servo with a slip clutch on the aft body, which back-drives the control; T_ap of thesis 3.5.2.
 
     T = max(−clutch, min(clutch, stiffness · (reference − φ) + damping · (ref˙ − φ̇))) + torque
 

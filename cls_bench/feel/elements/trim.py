@@ -1,4 +1,4 @@
-"""Trim: where the feel unit's springs have their zero, at which rate it moves, and force-trim release (thesis 3.5.2).
+"""Trim: where the feel unit's springs have their zero (thesis 3.5.2), at which rate it moves, and force-trim release.
 
 The zero of all springs of the feel unit follows ``feel.neutral`` at ``rate`` at most; a runaway is a neutral far away
 with the rate of the trim motor. While a helicopter's pilot holds the force-trim button (``released``), the springs let
