@@ -16,6 +16,9 @@ from pathlib import Path
 
 from cls_bench.errors import OutputError
 
+RECORDINGS = Path("recordings")
+"""Where recordings and results go unless told otherwise: a folder in the current one."""
+
 LONGEST_NAME = 180
 """Bytes of a name that others are made of; file systems take 255, so there is room for numbers and suffixes."""
 

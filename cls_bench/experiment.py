@@ -17,7 +17,7 @@ from cls_bench.analysis import metrics
 from cls_bench.analysis.memory import Memory
 from cls_bench.analysis.window import Source, Window, holds_all
 from cls_bench.bench import Bench, DivergedError, versions
-from cls_bench.claims import claim_stem, file_name
+from cls_bench.claims import RECORDINGS, claim_stem, file_name
 from cls_bench.compiled import is_cached
 from cls_bench.control.outer_loop import OuterLoop
 from cls_bench.controllers import Controller, Place
@@ -31,9 +31,6 @@ from cls_bench.run_log import Trip
 from cls_bench.scenario import Check, ExpectedTrip, Scenario, load_scenario
 from cls_bench.signals import Event
 from cls_bench.text import utf8
-
-RECORDINGS = Path("recordings")
-"""Where recordings go unless told otherwise: a folder in the current one."""
 
 PASSED, FAILED, DIVERGED, TRIPPED = "passed", "failed", "diverged", "tripped"
 CONTROLLER_FAILED = "controller_failed"

@@ -74,7 +74,7 @@ def part(default: Any, meaning: str, **sources: str) -> Any:
 class Section(BaseModel):
     """Base of all parameter sections: values that do not change, strict, without unknown keys."""
 
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, use_attribute_docstrings=True)
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 
 def leaves(

@@ -19,6 +19,7 @@ from scipy.linalg import expm
 from scipy.signal import tf2ss, welch
 from scipy.special import ellipj, ellipk
 
+from cls_bench.feel import solver
 from cls_bench.feel.elements.gust import Gust
 from cls_bench.parameters import Feel
 from cls_bench.quantity import leaves
@@ -299,8 +300,9 @@ def rate_limited(f: Feel) -> Rows:
     h, torque, t = f.hydraulics, 6.0, after()
     most = h.maximum_rate * math.sqrt(h.pressure)
     begun = most * f.inertia / torque
-    s, pole = np.maximum(t - begun, 0.0), h.rate_damping / f.inertia
-    beyond = torque / h.rate_damping
+    damping = h.pressure * h.rate_damping
+    s, pole = np.maximum(t - begun, 0.0), damping / f.inertia
+    beyond = torque / damping
     x = 0.5 * torque / f.inertia * np.minimum(t, begun) ** 2 + most * s
     x += beyond * (s - (1.0 - np.exp(-pole * s)) / pole)
     v = np.where(t < begun, torque / f.inertia * t, most + beyond * (1.0 - np.exp(-pole * s)))
@@ -653,6 +655,14 @@ def test_shapes_without_a_closed_form_agree_with_an_integration(values):
     np.testing.assert_allclose(found[:, 0], exact[:, 0], rtol=0, atol=1e-6)
 
 
+def test_hydraulics_that_fail_slowly_end_as_those_that_are_off():
+    """The last thousandth of the pressure, gone or not, is not felt: nothing blocks on the way down."""
+    base = {**BARE, "hydraulics.maximum_rate": 0.6, "hydraulics.off_damping": 2.0, "hydraulics.off_friction": 0.5}
+    ends = [motion(feel_of({**base, "hydraulics.pressure": left}), 3.0, 500)[-1] for left in (1e-3, 0.0)]
+    assert ends[1][1] > 0.5
+    np.testing.assert_allclose(ends[0], ends[1], rtol=0.1)
+
+
 def test_a_detent_that_pushes_out_at_its_edge_is_refused():
     """Beside it the spring would push in: a place to chatter at."""
     one = {"detents.place": [0.0], "detents.width": [0.1], "detents.torque": [1.0]}
@@ -696,6 +706,56 @@ def test_force_trim_leaves_the_zero_where_the_button_was_let_go():
     assert place > 0.1
     assert model.state.trim.zero == pytest.approx(place, abs=1e-3)  # it moved on by a cycle
     assert model.state.angle == pytest.approx(model.state.trim.zero, abs=0.05 / 30.0)
+
+
+def test_after_force_trim_nothing_of_an_old_trim_is_left_to_go():
+    """The trim motor was on its way to neutral as the button was pressed; let go, the zero stays where the control was.
+    """
+    values = {**BARE, "stiffness": 30.0, "damping": 2.0, "friction": 0.05, "trim.rate": 0.01}
+    model = Model(feel_of(values))
+    model.step()
+    parts = ({"neutral": 0.1}, 0.0, 500), ({"trim.released": True}, 0.5, 1000), ({}, 0.0, 9000)
+    for changed, torque, cycles in parts:
+        values = {**values, "trim.released": False, **changed}
+        model.set(feel_of(values))
+        for _ in range(cycles):
+            model.step(torque)
+            if "trim.released" in changed:
+                place = model.state.trim.zero
+    assert model.state.trim.zero == place
+    model.set(feel_of({**values, "neutral": 0.12}))  # a trim of its own moves it, at its rate
+    for _ in range(1000):
+        model.step()
+    assert model.state.trim.zero == pytest.approx(place + 0.01 * 1000 * CYCLE, abs=1e-12)
+
+
+@pytest.mark.parametrize(("torque", "frequency"), [("shaker.torque", "shaker.frequency"),
+                                                   ("disturbance.vibration", "disturbance.frequency")])  # fmt: skip
+def test_a_vibration_that_changes_its_frequency_does_not_jump(torque, frequency):
+    """From 10 to 20 Hz in half a second, an hour after the start: the phase is the integral of the frequency."""
+    model, phase = Model(feel_of({**BARE, torque: 2.0})), 0.0
+    model.cycles = 9_000_000
+    for k in range(1250):
+        hertz = 10.0 + 10.0 * k / 1250
+        model.set(feel_of({**BARE, torque: 2.0, frequency: hertz}))
+        model.step()
+        assert model.state.torque == pytest.approx(2.0 * math.sin(2.0 * math.pi * phase), abs=1e-9)
+        phase += hertz * CYCLE
+
+
+def test_commands_begin_anew_as_the_drive_is_switched_on():
+    """Off, the model goes along with the column; on again, autopilot, pusher and shaker begin as they first did."""
+    values = {**BARE, "autopilot.engaged": True, "autopilot.reference": 0.1, "pusher.engaged": True,
+              "pusher.torque": 3.0, "pusher.ramp": 0.04, "shaker.torque": 2.0, "shaker.ramp": 0.04}  # fmt: skip
+    model = Model(feel_of(values))
+    for _ in range(1000):
+        model.step()
+    solver.follow(model.feel, model.state, -0.15, 0.0, 0.0)
+    assert model.state.surface.autopilot_torque == 0.0
+    model.step()
+    assert model.state.autopilot.reference == pytest.approx(-0.15 + 0.2 * CYCLE, abs=1e-12)
+    assert model.state.pusher.level == pytest.approx(3.0 * CYCLE / 0.04)
+    assert model.state.shaker.level == pytest.approx(2.0 * CYCLE / 0.04)
 
 
 def test_the_autopilot_leads_is_overridden_and_leads_back():
@@ -806,6 +866,32 @@ def test_what_is_recorded_of_the_aft_side_is_what_acts():
 
 
 # --- hostile ---------------------------------------------------------------------------------------------------------
+
+
+IN_A_GALE = {"flight.dynamic_pressure": 2e5, "flight.airspeed": 1.0, "surface.area": 200.0, "surface.chord": 10.0}
+TOO_FAST = {
+    "hinge_rate": {**IN_A_GALE, "surface.hinge_rate": -100.0},
+    "hinge_rate, hardly any airspeed": {**IN_A_GALE, "surface.hinge_rate": -1e-3, "flight.airspeed": 1e-300},
+    "hinge_deflection": {**IN_A_GALE, "surface.hinge_deflection": 10.0, "surface.gearing": 20.0, "inertia": 0.1},
+    "autopilot.damping": {"autopilot.engaged": True, "autopilot.damping": 1e4, "inertia": 1e-3},
+    "rate_damping": {"hydraulics.maximum_rate": 0.1, "hydraulics.rate_damping": 1e4, "inertia": 1e-3},
+    "off_damping": {"hydraulics.off_damping": 1e4, "inertia": 1e-3},
+    "release_damping": {"trim.released": True, "trim.release_damping": 1e4, "inertia": 1e-3},
+    "aft.damping": {"bodies": "two", "aft.damping": 1e4, "aft.inertia": 1e-3},
+    "linkage.damping": {"bodies": "two", "linkage.damping": 1e4, "inertia": 1e-3},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("key", TOO_FAST)
+def test_motion_that_the_solver_would_work_on_for_ever_is_refused(key):
+    """A fifth of a second for each cycle, or numbers that are none, if it were let in; what is to blame is named."""
+    with pytest.raises(ValidationError, match=rf"most of all \S*{key.split(',')[0]}: motion of"):
+        feel_of(TOO_FAST[key])
+
+
+def test_a_gearing_steeper_than_any_linkage_is_refused():
+    with pytest.raises(ValidationError, match="deflection changes by 1e\\+09 times the change of control_angle"):
+        feel_of({"surface.control_angle": [0.0, 1e-9], "surface.deflection": [0.0, 1.0]})
 
 
 @pytest.mark.parametrize("torque", [math.nan, math.inf, 1e308])

@@ -1,12 +1,14 @@
 """The expected free response and its judgement, against closed forms."""
 
 import math
+import time
 from typing import Any
 
 import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from cls_bench.analysis import free_response
 from cls_bench.analysis.feel_laws import Laws
 from cls_bench.analysis.free_response import damping, expected_response, forward_inertia, part60
 from cls_bench.analysis.quasi_static import Led
@@ -142,6 +144,26 @@ def test_damping_at_the_grip_is_that_of_the_share_that_moves() -> None:
     assert at(0.05, **TWO) == pytest.approx(1.0 + follows**2 * 1.5 + (1.0 - follows) ** 2, rel=1e-6)
     assert at(0.05, **TWO, linkage={"connected": False}) == pytest.approx(1.0)
     assert at(0.05, **TWO, jam={"of": "aft"}) == pytest.approx(2.0)
+
+
+STIFF = {
+    "aft damped": {"aft": {"inertia": 1e-3, "damping": 100.0}},
+    "linkage damped": {"aft": {"inertia": 1e-3}, "linkage": {"damping": 500.0, "stiffness": 1e5}},
+    "stiction": {"aft": {"inertia": 1e-3, "static_friction": 3.0, "damping": 50.0}},
+}
+
+
+@pytest.mark.parametrize("name", STIFF)
+def test_a_body_with_next_to_no_inertia_takes_no_longer(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Damping that is great for an inertia: in well under a second, and as the short steps have it."""
+    p = override(Parameters(), {"feel": {"bodies": "two", **STIFF[name]}})
+    begun = time.process_time()
+    found = expected_response(p, 0.1, np.linspace(0.0, 3.0, 1501), aft=0.1)
+    assert time.process_time() - begun < 1.0  # measured 0.01 to 0.34; 2.5 to 4.9 in short steps
+    monkeypatch.setattr(free_response, "STIFF", math.inf)
+    exact = expected_response(p, 0.1, np.linspace(0.0, 0.5, 251), aft=0.1)
+    assert np.ptp(exact) > 0.01  # the oil lets it go slowly
+    np.testing.assert_allclose(found[:251], exact, rtol=0, atol=1e-7)
 
 
 HELD = """

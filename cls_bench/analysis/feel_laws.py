@@ -73,6 +73,7 @@ class Laws:
         self.fastest_rate = math.inf  # of the aft body's actuator [rad/s]
         if hydraulics.maximum_rate > 0.0 and hydraulics.pressure > 0.0:
             self.fastest_rate = hydraulics.maximum_rate * math.sqrt(hydraulics.pressure)
+        self.rate_damping = hydraulics.pressure * hydraulics.rate_damping  # beyond it [N·m·s/rad]
         self._detents = tuple(zip(feel.detents.place, feel.detents.width, feel.detents.torque, strict=True))
         off = (1.0 - hydraulics.pressure) * hydraulics.off_friction
         column = [feel.friction, max(feel.friction, feel.static_friction), feel.stribeck_velocity]
@@ -114,7 +115,7 @@ class Laws:
         if servo.engaged:
             torque += clip(servo.stiffness * (angle - servo.reference) + servo.damping * velocity, servo.clutch)
         if abs(velocity) > self.fastest_rate:
-            torque += feel.hydraulics.rate_damping * (velocity - math.copysign(self.fastest_rate, velocity))
+            torque += self.rate_damping * (velocity - math.copysign(self.fastest_rate, velocity))
         return torque
 
     def _gearing(self, angle: float) -> tuple[float, float]:

@@ -30,6 +30,9 @@ DEPARTURE = 1e-12
 SLACK = 1e-9
 """Torque [N·m] beyond friction at which a body at rest is let go: above rounding where both are equal at first."""
 
+STIFF = 1e3
+"""Decay [1/s] of a body's motion above which an explicit method's steps would be needlessly short."""
+
 PIECES = 10_000
 """Most pieces between reversals: far more than any response has that anyone would want to see."""
 
@@ -107,7 +110,7 @@ class _Released:
                 break
             events, bodies = self._events(ways)
             piece = solve_ivp(
-                self._rate(ways), (now, float(times[-1])), y, "DOP853", events=events, rtol=1e-8, atol=1e-10,
+                self._rate(ways), (now, float(times[-1])), y, self._method(y), events=events, rtol=1e-8, atol=1e-10,
                 max_step=0.01, dense_output=True,
             )  # fmt: skip
             inside = (times >= now) & (times <= piece.t[-1])
@@ -123,6 +126,13 @@ class _Released:
                 ways[body], y[2 * body + 1] = 0.0, 0.0
         result[times > now] = y[0]
         return result
+
+    def _method(self, y: Array) -> str:
+        """Explicit, or, where a body's damping is great for its inertia, implicit where it has to be."""
+        at = self._laws.slopes(float(y[0]), float(y[2]))
+        column, aft = at.column_damping + at.link_damping, at.aft_damping + at.link_damping
+        decays = column / self._inertia[COLUMN], aft / self._inertia[AFT] if self._laws.two else 0.0
+        return "LSODA" if max(decays) > STIFF else "DOP853"
 
     def _rate(self, ways: Sequence[float]) -> Callable[[float, Array], list[float]]:
         laws, ways = self._laws, tuple(ways)

@@ -180,7 +180,7 @@ class Led:
         if near:
             stiffness, damping = stiffness + limit.stiffness, damping + limit.damping
         if abs(speed) > 0.5 * self._laws.fastest_rate:
-            damping += self._laws.feel.hydraulics.rate_damping
+            damping += self._laws.rate_damping
         inertia = self._laws.inertia[AFT]
         return SHARE / (math.sqrt(stiffness / inertia) + damping / inertia)
 

@@ -9,13 +9,16 @@ import click
 
 from cls_bench.cli.options import FiniteRange, rig_option
 from cls_bench.cli.output import print_json, print_notes, print_table, results_folder
-from cls_bench.errors import OutputError
+from cls_bench.errors import InputError, OutputError
 
 if TYPE_CHECKING:
     from cls_bench.report.feel_figure import Felt
 
 SHOWN = 4
 """Angles to either side at which the table tells the torque."""
+
+ROUNDING = 1e-9
+"""Of an angle in degrees."""
 
 
 @click.command()
@@ -44,17 +47,26 @@ def feel(
     those at the grip.
     """
     began = time.time()
-    from cls_bench.claims import file_name
-    from cls_bench.experiment import RECORDINGS
+    from cls_bench.claims import RECORDINGS, file_name
     from cls_bench.parameters import DEG
-    from cls_bench.report.feel_figure import feel_figure, felt, swing
+    from cls_bench.report.feel_figure import feel_figure, felt, sweep_ends, swing
     from cls_bench.report.style import save
     from cls_bench.rigs import figures
     from cls_bench.scenario import load_scenario
 
     scenario = load_scenario(name, set=overrides, rig=rig)
+    if at > scenario.duration:
+        raise InputError(f"--at {at:g}: {name} ends at {scenario.duration:g} s")
     p = scenario.parameters_at(at)
-    found = felt(p, travel=(travel_deg or 0.0) * DEG, release=(release_deg or 0.0) * DEG)
+    if p.feel.jam.of == "forward" or (p.feel.jam.of == "aft" and p.feel.bodies == "one"):
+        raise InputError(f"{name}: parameters.feel.jam.of: the column is jammed then, and no torque leads it")
+    low, high = (side / DEG for side in sweep_ends(p, travel_deg and travel_deg * DEG))
+    for option, angle in (*(("--angle-deg", angle) for angle in angles), ("--release-deg", release_deg)):
+        if angle is not None and not low - ROUNDING <= angle <= high + ROUNDING:
+            raise InputError(f"{option} {angle:g}: the sweep is from {low:.3g} to {high:.3g}; --travel-deg sets it")
+    found = felt(
+        p, travel=travel_deg and travel_deg * DEG, release=None if release_deg is None else release_deg * DEG
+    )
     folder = results_folder(out or RECORDINGS / f"feel-{file_name(scenario.name)}", began)
     try:
         written = save(feel_figure(p, found, scenario.title), folder / "feel")

@@ -202,7 +202,7 @@ def frequency_response(
     linear: each response belongs to its amplitude, and the coherence says how much of the output it explains.
     """
     began = time.time()
-    from cls_bench.experiment import RECORDINGS
+    from cls_bench.claims import RECORDINGS
     from cls_bench.report.style import save
     from cls_bench.stability import figures
     from cls_bench.stability.response import Excitation, measure
@@ -403,8 +403,7 @@ def stability_map(
     Ctrl-C keeps the points that are done, in points.jsonl; --resume continues from there.
     """
     began = time.time()
-    from cls_bench.claims import replaced
-    from cls_bench.experiment import RECORDINGS
+    from cls_bench.claims import RECORDINGS, replaced
     from cls_bench.linear.variation import variation
     from cls_bench.report.style import save
     from cls_bench.stability import figures
@@ -459,7 +458,7 @@ def stabilisers(
 ) -> None:  # fmt: skip
     """Least stable simulated inertia with and without what a designer can do about it."""
     began = time.time()
-    from cls_bench.experiment import RECORDINGS
+    from cls_bench.claims import RECORDINGS
     from cls_bench.report.style import save
     from cls_bench.stability import figures
     from cls_bench.stability.stabilisers import compare, search_range

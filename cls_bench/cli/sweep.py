@@ -39,7 +39,8 @@ def sweep(
     limited for each worker.
     """
     began = time.time()
-    from cls_bench.experiment import CONTROLLER_FAILED, RECORDINGS
+    from cls_bench.claims import RECORDINGS
+    from cls_bench.experiment import CONTROLLER_FAILED
     from cls_bench.report.style import save
     from cls_bench.report.sweep_figure import sweep_figure
     from cls_bench.sweep.engine import make_engine

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from cls_bench.compiled import compiled
 from cls_bench.control import latch, plc, servo, validity
+from cls_bench.feel import solver
 
 
 class Watched(NamedTuple):
@@ -78,7 +79,9 @@ def task(control: Any, samples: Any, watched: Watched, a: int, tick: int) -> Non
     p, design, state = control.parameters, control.design, control.state
     mode, s = state.servo.mode, state.plc
     if is_on(state):
-        if state.external == 0 and mode != servo.TORQUE:
+        if state.external != 0:  # the feel model goes along with what is asked for: its surface is recorded
+            solver.follow(p.feel, state.feel, state.feel.angle, state.feel.velocity, s.torque)
+        elif mode != servo.TORQUE:
             time = tick * design.tick
             plc.admittance(p, mode == servo.VELOCITY, s, state.feel, control.piece, time, design.plc_cycle)
         plc.supervise(p, samples, mode == servo.POSITION, s)

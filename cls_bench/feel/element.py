@@ -10,6 +10,9 @@ An element stands in a file of its own in ``elements/``, and becomes part of eve
     In every piece of a cycle: the element's torque as it is around the point where the bodies are now. Within a piece
     all is linear, but for a sine and for Stribeck's curve: springs and dampers by :func:`spring` and :func:`damper`,
     the ends of the piece by :func:`edge`, a condition that holds within it by :func:`condition`.
+``forget(feel, state)``
+    In every cycle in which nothing obeys the model, which then goes along with the column: what the element forgets, so
+    that the drive comes on without a jump.
 ``show(feel, state)``
     At the end of a cycle: what is recorded of it.
 
@@ -52,6 +55,7 @@ class Element(Section):
     """what it remembers, by name: fields of ``state.NAME`` where NAME is the element's in the list"""
     each_cycle: ClassVar[Law | None] = None
     act: ClassVar[Law | None] = None
+    forget: ClassVar[Law | None] = None
     show: ClassVar[Law | None] = None
 
     @field_validator("*")

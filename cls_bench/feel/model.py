@@ -109,18 +109,48 @@ class Feel(Section):
     @model_validator(mode="after")
     def _slow_enough(self) -> "Feel":
         """No motion so fast that the solver would work on it for ever."""
-        stiffness = max(self.aft_limit.stiffness, self.forward_limit.stiffness) + self.stiffness
-        damping = self.damping + self.aft_limit.damping + self.forward_limit.damping
-        inertia = self.inertia if self.bodies == "one" else min(self.inertia, self.aft.inertia)
-        if self.bodies == "two":
-            stiffness, damping = stiffness + self.linkage.stiffness, damping + self.linkage.damping
-        fastest = (stiffness / inertia) ** 0.5 + damping / inertia
-        if fastest > FASTEST:
-            raise ValueError(
-                f"stiffness and damping are too much for an inertia of {inertia:g} kg·m²: motion of {fastest:.3g} 1/s, "
-                f"at most {FASTEST:g} 1/s is worked out"
-            )
+        for inertia, stiffness, damping in self._bounds():
+            fastest = (sum(stiffness.values()) / inertia) ** 0.5 + sum(damping.values()) / inertia
+            if not fastest <= FASTEST:
+                shares = {key: (value / inertia) ** 0.5 for key, value in stiffness.items()}
+                shares |= {key: value / inertia for key, value in damping.items()}
+                raise ValueError(
+                    f"stiffness and damping are too much for an inertia of {inertia:g} kg·m², most of all "
+                    f"{max(shares, key=shares.__getitem__)}: motion of {fastest:.3g} 1/s, at most {FASTEST:g} 1/s is "
+                    "worked out"
+                )
         return self
+
+    def _bounds(self) -> list[tuple[float, dict[str, float], dict[str, float]]]:
+        """Of each body its inertia and, by their keys, bounds of the stiffnesses and dampings that act on it."""
+        s, detents, hydraulics, servo, flight = self.surface, self.detents, self.hydraulics, self.autopilot, self.flight
+        ratio, load = s.steepest, flight.dynamic_pressure * s.area * s.chord
+        rate = abs(s.hinge_rate) * s.chord / (2.0 * flight.airspeed) if flight.airspeed > 0.0 else 0.0
+        column = {"forward_limit.stiffness": self.forward_limit.stiffness}
+        column_damping = {"damping": self.damping, "forward_limit.damping": self.forward_limit.damping}
+        aft = {
+            "stiffness": self.stiffness,
+            "q_feel": min(self.q_feel.gradient * flight.dynamic_pressure, self.q_feel.most),
+            "centering.stiffness": self.centering.stiffness if self.centering.breakout > 0.0 else 0.0,
+            "surface.hinge_deflection": load * abs(s.hinge_deflection) * ratio**2, "detents": detents.steepest,
+            "unbalance.gradient": abs(flight.load_factor * self.unbalance.gradient),
+            "autopilot.stiffness": servo.stiffness if servo.engaged else 0.0,
+            "aft_limit.stiffness": self.aft_limit.stiffness,
+        }  # fmt: skip
+        aft_damping = {
+            "surface.hinge_rate": load * rate * ratio**2, "hydraulics.off_damping": hydraulics.off_damping,
+            "hydraulics.rate_damping": hydraulics.rate_damping if hydraulics.maximum_rate > 0.0 else 0.0,
+            "trim.release_damping": self.trim.release_damping if self.trim.released else 0.0,
+            "autopilot.damping": servo.damping if servo.engaged else 0.0,
+            "aft_limit.damping": self.aft_limit.damping,
+        }  # fmt: skip
+        if self.bodies == "one":
+            return [(self.inertia, column | aft, column_damping | aft_damping)]
+        link, link_damping = {"linkage.stiffness": self.linkage.stiffness}, {"linkage.damping": self.linkage.damping}
+        return [
+            (self.inertia, column | link, column_damping | link_damping),
+            (self.aft.inertia, aft | link, aft_damping | link_damping | {"aft.damping": self.aft.damping}),
+        ]
 
 
 ELEMENTS: dict[str, type[Element]] = {
@@ -135,6 +165,9 @@ each_cycle: Any = in_turn([e.each_cycle for e in ELEMENTS.values() if e.each_cyc
 
 act: Any = in_turn([e.act for e in ELEMENTS.values() if e.act is not None])
 """(feel, state, piece): torques around the point where the bodies are, of all elements."""
+
+forget: Any = in_turn([e.forget for e in ELEMENTS.values() if e.forget is not None])
+"""(feel, state): what is forgotten while nothing obeys the model, of all elements."""
 
 show: Any = in_turn([e.show for e in ELEMENTS.values() if e.show is not None])
 """(feel, state): what is recorded, of all elements."""

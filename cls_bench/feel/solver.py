@@ -21,7 +21,7 @@ from typing import Any
 
 from cls_bench.compiled import compiled
 from cls_bench.feel.element import MOMENT, NUDGE, TERMS, condition, push
-from cls_bench.feel.model import act, each_cycle, show
+from cls_bench.feel.model import act, each_cycle, forget, show
 
 PIECES = 1 << 20
 """Most pieces in a cycle; one of 400 µs has one or two."""
@@ -428,6 +428,7 @@ def follow(feel: Any, state: Any, angle: float, velocity: float, torque: float) 
     state.seat_angle, state.seat_velocity = angle, velocity
     state.torque, state.aft_torque = torque, 0.0
     state.surface.cable_torque, state.surface.feel_torque = 0.0, 0.0
+    forget(feel, state)
     show(feel, state)
     shown = state.surface
     total = shown.deflection + shown.velocity + shown.hinge_moment + shown.feel_torque + shown.autopilot_torque

@@ -37,21 +37,29 @@ class Felt(NamedTuple):
     """column angle, let go from the first one at rest [rad]"""
 
 
-def felt(p: Parameters, *, travel: float = 0.0, release: float = 0.0, time: float = 3.0) -> Felt:
+def sweep_ends(p: Parameters, travel: float | None = None) -> tuple[float, float]:
+    """Aft and forward end of the sweep [rad]: ±``travel``, by default a little beyond the column's limits, if the rig
+    goes so far.
+    """
+    if travel is not None:
+        return -travel, travel
+    limit, reach = p.feel.forward_limit, p.column.stop_angle
+    return -min(limit.back + BEYOND, reach), min(limit.angle + BEYOND, reach)
+
+
+def felt(p: Parameters, *, travel: float | None = None, release: float | None = None, time: float = 3.0) -> Felt:
     """Static curve and free response of the feel model of ``p``.
 
-    The sweep goes to ±``travel`` [rad], by default beyond the column's travel limits as far as rig and model go; the
-    column is let go from ``release`` [rad], by default half the way to the nearest limit.
+    The sweep is between :func:`sweep_ends`; the column is let go from ``release`` [rad], by default half the way to the
+    nearest limit.
     """
-    limit = p.feel.forward_limit
-    reach = p.column.stop_angle
-    forward = travel or min(limit.angle + BEYOND, reach)
-    back = travel or min(limit.back + BEYOND, reach)
+    end, forward = sweep_ends(p, travel)
     path = np.concatenate([
-        np.linspace(0.0, forward, POINTS // 2), np.linspace(forward, -back, POINTS)[1:],
-        np.linspace(-back, forward, POINTS)[1:],
+        np.linspace(0.0, forward, POINTS // 2), np.linspace(forward, end, POINTS)[1:],
+        np.linspace(end, forward, POINTS)[1:],
     ])  # fmt: skip
-    start = release or 0.5 * min(p.feel.aft_limit.angle, limit.angle, reach)
+    nearest = min(p.feel.aft_limit.angle, p.feel.forward_limit.angle, p.column.stop_angle)
+    start = 0.5 * nearest if release is None else release
     times = np.linspace(0.0, time, 1501)
     return Felt(path, static_curve(p.feel, path), times, expected_response(p, start, times))
 
@@ -93,7 +101,8 @@ class Swing(NamedTuple):
     overshoot: float
     """how far it then goes, as a share of the way that it came [1]"""
     frequency: float
-    """of the swing, from the first crossing to the second [Hz]; NaN if there is none"""
+    """of the swing, from its release at rest to its first turn, half a period later: dry friction shifts crossings, but
+    no turns [Hz]; NaN if there is none"""
 
 
 def swing(found: Felt) -> Swing:
@@ -102,7 +111,7 @@ def swing(found: Felt) -> Swing:
     crossings = np.flatnonzero((x[:-1] > 0.0) != (x[1:] > 0.0))
     if not len(crossings) or np.min(x) > -_NOTICED:
         return Swing(math.nan, 0.0, math.nan)
-    first = float(found.time[crossings[0]])
-    if len(crossings) < 2 or np.max(x[crossings[1] :]) < _NOTICED:
-        return Swing(first, -float(np.min(x)), math.nan)
-    return Swing(first, -float(np.min(x)), 0.5 / (float(found.time[crossings[1]]) - first))
+    first = crossings[0]
+    end = crossings[1] + 1 if len(crossings) > 1 else len(x)
+    turn = first + int(np.argmin(x[first:end]))
+    return Swing(float(found.time[first]), -float(np.min(x)), 0.5 / float(found.time[turn]))

@@ -89,7 +89,7 @@ def _seat(f, x, v, zero, lead, lead_rate):
     total -= (1.0 - h.pressure) * h.off_damping * v
     if h.maximum_rate > 0.0 and h.pressure > 0.0:
         most = h.maximum_rate * math.sqrt(h.pressure)
-        total -= h.rate_damping * (v - _clip(v, most))
+        total -= h.pressure * h.rate_damping * (v - _clip(v, most))
     if f.autopilot.engaged:
         total += _clip(f.autopilot.stiffness * (lead - x) + f.autopilot.damping * (lead_rate - v), f.autopilot.clutch)
     return total
@@ -192,7 +192,8 @@ class Commands:
 
     def cycle(self, f: Any, seat: float, time: float, cycle: float) -> tuple[float, float, float]:
         """(torque on the column, on the aft body, zero of the feel unit)."""
-        self.position = _towards(self.position, f.neutral, f.trim.rate * cycle if f.trim.rate > 0.0 else math.inf)
+        waits = f.trim.rate > 0.0 and not f.trim.released
+        self.position = _towards(self.position, f.neutral, f.trim.rate * cycle if waits else math.inf)
         if f.trim.released:
             self.offset = seat - self.position
         if f.autopilot.engaged:

@@ -1,8 +1,9 @@
-"""Autopilot: a servo with a slip clutch on the aft body, which back-drives the control (thesis 3.5.2; T_ap).
+"""Autopilot: a servo with a slip clutch on the aft body, which back-drives the control; T_ap of thesis 3.5.2.
 
     T = max(−clutch, min(clutch, stiffness · (reference − φ) + damping · (ref˙ − φ̇))) + torque
 
-Engaged, it takes the control where it is and leads it to the reference at ``rate``. Whoever holds against it feels no
+Engaged, or engaged still as the drive is switched on, it takes the control where it is and leads it to the reference at
+``rate``. Whoever holds against it feels no
 more than the clutch's torque; it leads the control back when he lets go.
 """
 
@@ -58,10 +59,15 @@ def _act(feel: Any, state: Any, piece: Any) -> None:
 
 
 @compiled
+def _forget(feel: Any, state: Any) -> None:
+    state.autopilot.engaged = 0.0
+
+
+@compiled
 def _show(feel: Any, state: Any) -> None:
     k, s = feel.autopilot, state.autopilot
     torque = 0.0
-    if k.engaged:
+    if k.engaged and s.engaged != 0.0:
         asked = k.stiffness * (s.reference - state.seat_angle) + k.damping * (s.rate - state.seat_velocity)
         torque = min(max(asked, -k.clutch), k.clutch)
     state.surface.autopilot_torque = torque + k.torque
@@ -87,4 +93,5 @@ class Autopilot(Element):
     remembers = (("engaged", np.float64), ("reference", np.float64), ("rate", np.float64))
     each_cycle = staticmethod(_each_cycle)
     act = staticmethod(_act)
+    forget = staticmethod(_forget)
     show = staticmethod(_show)

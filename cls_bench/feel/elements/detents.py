@@ -62,6 +62,14 @@ class Detents(Element):
 
     act = staticmethod(_act)
 
+    @property
+    def steepest(self) -> float:
+        """Greatest stiffness, of either sign [N·m/rad]."""
+        slope = 2.0 * math.pi
+        if self.profile:
+            slope = (len(self.profile) - 1) * max(abs(b - a) for a, b in pairwise(self.profile))
+        return max((slope * peak / width for peak, width in zip(self.torque, self.width, strict=True)), default=0.0)
+
     @model_validator(mode="after")
     def _fit(self) -> "Detents":
         if not len(self.place) == len(self.width) == len(self.torque):

@@ -3,7 +3,8 @@
 ``pressure`` is a share of what it should be. With it go the boost of the surface's actuator and the hydraulic share of
 the feel unit; as it fails, the actuator becomes a load: friction of valve and seals, damping of the oil that bypasses.
 While there is pressure the actuator moves the surface at most at ``maximum_rate`` · √pressure, the speed of a valve
-that is fully open; beyond, the pilot pushes against the oil, a damper of ``rate_damping``.
+that is fully open; beyond, the pilot pushes against the oil, a damper of ``rate_damping`` · pressure: the bypass
+opens as the pressure falls, so that a failure that takes its time ends where hydraulics that are off begin.
 """
 
 import math
@@ -28,16 +29,17 @@ def _act(feel: Any, state: Any, piece: Any) -> None:
         piece.coulomb[piece.aft] += lost * h.off_friction
         piece.static[piece.aft] += lost * h.off_friction
         damper(piece, piece.aft, lost * h.off_damping)
-    if h.maximum_rate > 0.0 and h.pressure > 0.0 and h.rate_damping > 0.0:
+    damping = h.pressure * h.rate_damping
+    if h.maximum_rate > 0.0 and damping > 0.0:
         most = h.maximum_rate * math.sqrt(h.pressure)
         speed = piece.speed_ahead[piece.aft]
         if speed > most:
-            damper(piece, piece.aft, h.rate_damping)
-            restore(piece, piece.aft, -h.rate_damping * most)
+            damper(piece, piece.aft, damping)
+            restore(piece, piece.aft, -damping * most)
             condition(piece, piece.aft, 0.0, 1.0, -most)
         elif speed < -most:
-            damper(piece, piece.aft, h.rate_damping)
-            restore(piece, piece.aft, h.rate_damping * most)
+            damper(piece, piece.aft, damping)
+            restore(piece, piece.aft, damping * most)
             condition(piece, piece.aft, 0.0, -1.0, -most)
         else:
             condition(piece, piece.aft, 0.0, -1.0, most)
@@ -60,8 +62,9 @@ class Hydraulics(Element):
     maximum_rate: float = quantity(0.0, "rad/s", "greatest rate of the actuator at full pressure; 0 is none",
                                    "none unless an aircraft has it", ge=0, le=1e3, live=True)  # fmt: skip
     rate_damping: float = quantity(
-        200.0, "N·m·s/rad", "damping beyond that rate", "assumed: a hand cannot go beyond it by much", ge=0, le=1e4,
-        live=True,
+        200.0, "N·m·s/rad", "damping beyond that rate at full pressure",
+        "assumed: a hand cannot go beyond it by much", ge=0,
+        le=1e4, live=True,
     )
 
     act = staticmethod(_act)

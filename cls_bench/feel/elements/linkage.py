@@ -1,4 +1,6 @@
-"""Linkage between column and aft body: a pair of cables, or a rod (thesis 3.5.1), where the model has two bodies.
+"""Linkage between column and aft body: a pair of cables, or a rod, where the model has two bodies.
+
+Stiffness, damping and backlash are those of thesis 3.5.1; pretension, override and disconnection go beyond it.
 
 With the bodies' difference u = φ − φ_aft and e = |u| − backlash/2, the linkage pulls the aft body with
 

@@ -27,6 +27,11 @@ def _each_cycle(feel: Any, state: Any, time: float, cycle: float) -> None:
     push(state, COLUMN, s.level)
 
 
+@compiled
+def _forget(feel: Any, state: Any) -> None:
+    state.pusher.level = 0.0
+
+
 class StickPusher(Element):
     """A torque on the column that rises over ``ramp``, stays ``longest`` at most and falls again."""
 
@@ -39,3 +44,4 @@ class StickPusher(Element):
 
     remembers = (("level", np.float64), ("full", np.float64), ("since", np.float64))
     each_cycle = staticmethod(_each_cycle)
+    forget = staticmethod(_forget)

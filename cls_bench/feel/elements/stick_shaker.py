@@ -24,11 +24,17 @@ def _each_cycle(feel: Any, state: Any, time: float, cycle: float) -> None:
     else:
         s.level = wanted
     if s.level > 0.0:
-        push(state, COLUMN, s.level * math.sin(2.0 * math.pi * k.frequency * time))
+        push(state, COLUMN, s.level * math.sin(2.0 * math.pi * s.phase))
+    s.phase = (s.phase + k.frequency * cycle) % 1.0
+
+
+@compiled
+def _forget(feel: Any, state: Any) -> None:
+    state.shaker.level = 0.0
 
 
 class StickShaker(Element):
-    """T = level · sin(2π f t); the level follows ``torque`` while the shaker is on."""
+    """T = level · sin(2π ∫ f dt); the level follows ``torque`` while the shaker is on."""
 
     torque: float = quantity(0.0, "N·m", "amplitude; 0 is off", "thesis 3.5.2", ge=0, le=1e3, live=True)
     frequency: float = quantity(
@@ -42,5 +48,6 @@ class StickShaker(Element):
     period: float = quantity(1.0, "s", "time from one burst to the next", "assumed: a burst a second", ge=0.01, le=100,
                              live=True)  # fmt: skip
 
-    remembers = (("level", np.float64), ("full", np.float64))
+    remembers = (("level", np.float64), ("full", np.float64), ("phase", np.float64))
     each_cycle = staticmethod(_each_cycle)
+    forget = staticmethod(_forget)

@@ -18,6 +18,9 @@ from cls_bench.compiled import compiled
 from cls_bench.feel.element import Element, damper, edge, restore, spring
 from cls_bench.quantity import WIDEST, Table, quantity, table
 
+STEEPEST = 20.0
+"""Greatest gearing, to either side: more than any linkage has."""
+
 
 @compiled
 def gearing(surface: Any, angle: float) -> tuple[float, float]:
@@ -96,7 +99,8 @@ class Surface(Element):
     )
     boost: float = quantity(0.0, "1", "share of the hinge moment that the actuator bears at full pressure",
                             "assumed: reversible", ge=0, le=1, live=True)  # fmt: skip
-    gearing: float = quantity(1.0, "1", "R = dδ/dφ where there is no table", "assumed: as the column", ge=-20, le=20)
+    gearing: float = quantity(1.0, "1", "R = dδ/dφ where there is no table", "assumed: as the column", ge=-STEEPEST,
+                            le=STEEPEST)  # fmt: skip
     control_angle: Table = table("rad", "angles of the gearing's table, rising; none is a constant gearing",
                                  "none unless an aircraft has it", 16, gt=-WIDEST, lt=WIDEST)  # fmt: skip
     deflection: Table = table("rad", "deflections δ at those angles", "none unless an aircraft has it", 16,
@@ -104,6 +108,12 @@ class Surface(Element):
 
     act = staticmethod(_act)
     show = staticmethod(_show)
+
+    @property
+    def steepest(self) -> float:
+        """Greatest gearing |R|."""
+        pieces = zip(pairwise(self.control_angle), pairwise(self.deflection), strict=True)
+        return max((abs((y - x) / (b - a)) for (a, b), (x, y) in pieces), default=abs(self.gearing))
 
     @model_validator(mode="after")
     def _fit(self) -> "Surface":
@@ -117,4 +127,9 @@ class Surface(Element):
             raise ValueError("control_angle needs two values at least, or none for a constant gearing")
         if any(b <= a for a, b in pairwise(angles)):
             raise ValueError(f"control_angle must rise: {list(angles)}")
+        if not self.steepest <= STEEPEST:
+            raise ValueError(
+                f"deflection changes by {self.steepest:.3g} times the change of control_angle; at most {STEEPEST:g} "
+                "times"
+            )
         return self

@@ -1,8 +1,9 @@
-"""Trim: where the feel unit's springs have their zero, at which rate it moves, and force-trim release (thesis 3.5.2).
+"""Trim: where the feel unit's springs have their zero (thesis 3.5.2), at which rate it moves, and force-trim release.
 
 The zero of all springs of the feel unit follows ``feel.neutral`` at ``rate`` at most; a runaway is a neutral far away
 with the rate of the trim motor. While a helicopter's pilot holds the force-trim button (``released``), the springs let
-go and the zero goes with the control; a damper takes their place. Afterwards it stays where the control was.
+go and the zero goes with the control; a damper takes their place. Afterwards it stays where the control was, and moves
+from there as ``feel.neutral`` does.
 """
 
 from typing import Any
@@ -17,14 +18,12 @@ from cls_bench.quantity import quantity
 @compiled
 def _each_cycle(feel: Any, state: Any, time: float, cycle: float) -> None:
     trim, s = feel.trim, state.trim
-    if s.begun == 0.0:
+    if s.begun == 0.0 or trim.rate <= 0.0 or trim.released:  # nothing of an old way is left to go after the release
         s.position = feel.neutral
         s.begun = 1.0
-    elif trim.rate > 0.0:
+    else:
         step = trim.rate * cycle
         s.position += min(max(feel.neutral - s.position, -step), step)
-    else:
-        s.position = feel.neutral
     if trim.released:
         s.offset = state.seat_angle - s.position
     s.zero = s.position + s.offset
