@@ -438,6 +438,8 @@ WRONG = [
     ("over = 0.1\nparameters = {feel.stiffness = -1.0}", ".parameters.feel.stiffness", "≥ 0"),
     ("over = 0.1\nparameters = {feel.inertia = 1e-3, feel.damping = 1e4}", ".parameters.feel", ""),
     ("over = 0.1\nparameters = {feel.aft_limit.angle = 0.4}", ".parameters.feel", "must not exceed"),
+    ("parameters = {feel.detents.place = [0.0, true]}", ".parameters.feel.detents.place", "true is not valid"),
+    ("parameters = {feel.detents.place = [[0, 1]]}", ".parameters.feel.detents.place", "[0, 1] is not valid"),
     ("over = 0.1\nparameters = {limb.tight_stiffness = 1e9}", ".parameters.limb.tight_stiffness", ""),
     ("over = 0.1\nparameters = {column.inertia = 1.0}", ".parameters.column.inertia", "whole run"),
     ('parameter = "feel.stiffness"', "", "belong together"),

@@ -134,12 +134,13 @@ def override(parameters: Parameters, table: Mapping[str, Any], *, live_only: boo
                 raise FaultError(key, missing)
         return found
     section_type: type[Section] = Parameters
-    error["loc"] = (*prefix, *error["loc"])
+    # Of an entry of a table the table itself says what is wanted.
+    error["loc"] = tuple(part for part in (*prefix, *error["loc"]) if isinstance(part, str))
     for part in error["loc"]:
-        inner_type = section_type.model_fields[str(part)].annotation
+        inner_type = section_type.model_fields[part].annotation
         if isinstance(inner_type, type) and issubclass(inner_type, Section):
             section_type = inner_type
-    raise FaultError(".".join(map(str, error["loc"])), problem_of(error, section_type))
+    raise FaultError(".".join(error["loc"]), problem_of(error, section_type))
 
 
 def not_in_use(parameters: Parameters, key: str) -> str:
