@@ -43,7 +43,7 @@ from cls_bench.parameters.override import known_keys, not_in_use, whole_keys
 from cls_bench.resources import shipped_scenarios
 from cls_bench.rigs import Rig, find_rig
 from cls_bench.scenario import Check, Scenario, load_scenario
-from cls_bench.scenario.placing import IN_ENTRY, TOP
+from cls_bench.scenario.placing import IN_ENTRY, TABLES, TOP
 from cls_bench.sweep.axes import MOST_POINTS, Array, Axis, Listed, Random, Strict
 from cls_bench.sweep.engine import Point
 from cls_bench.text import escaped
@@ -213,14 +213,17 @@ def _check_keys(sweep: Sweep, scenario: Scenario) -> None:
     """Refuse keys that no point could have; a parameter's value that is not valid is a row with its error."""
     varied = {axis.key for axis in sweep.axes}
     parameters, other_rigs = scenario.parameters_at_start(), varied & {"rig", "gearbox.stages", "linkage.kind"}
+    if tables := {key: value for key, value in sweep.points[0].items() if key.startswith(TABLES)}:
+        scenario.changed(tables)  # together: a condition belongs to the axis beside it
     for k, axis in enumerate(sweep.axes):
         key = axis.key.removeprefix("parameters.")
         if IN_ENTRY.fullmatch(key):
             scenario.changed({key: sweep.points[0][axis.key]})
-        elif key not in (*known_keys(), *TOP):
+        elif key not in (*known_keys(), *TOP, *tables):
             raise InputError(
                 f"axes[{k}].key: {shown(axis.key)} is unknown; valid are parameters (cls-bench list --parameters), "
-                "duration, seed, rig, and entries such as squeeze[0].value"
+                "duration, seed, rig, those of tables such as aircraft.condition and flight.airspeed_kt, and entries such "
+                "as squeeze[0].value"
             )
         elif not other_rigs and (missing := not_in_use(parameters, key)):
             raise InputError(f"axes[{k}].key: {axis.key}: {missing}")
