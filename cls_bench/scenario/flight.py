@@ -13,17 +13,16 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, ValidationInfo, WithJsonSchema, field_validator, model_validator
+from pydantic import ValidationInfo, WithJsonSchema, field_validator, model_validator
 
 from cls_bench import atmosphere, course
 from cls_bench.atmosphere import FOOT, KNOT
 from cls_bench.course import Course
 from cls_bench.input.faults import FaultError, shown
-from cls_bench.input.tables import Strict
 from cls_bench.parameters.moving import HOST_CYCLE
 from cls_bench.parameters.override import bounds
 from cls_bench.scenario.sample_file import Keys, read_samples
-from cls_bench.scenario.segments import Name
+from cls_bench.scenario.segments import FileKeys, Name
 from cls_bench.signals import Clock
 from cls_bench.text import escaped
 
@@ -80,7 +79,7 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
-class Flight(Strict):
+class Flight(FileKeys):
     """The flight that the feel model follows, each value a number, points over time, or a column of a file."""
 
     airspeed_kt: Schedule | None = None
@@ -97,10 +96,6 @@ class Flight(Strict):
     """deflection of the trim tab [deg]"""
     file: Name | None = None
     """text file with columns over time, as for a hand of recorded samples; relative to the scenario file"""
-    time_column: Name | None = None
-    """header of the file's column with the time; found if it is called time, t, timestamp or the like"""
-    time_unit: Annotated[str, Field(max_length=3)] | None = None
-    """unit of the file's time; that of the header, or s, if left out"""
 
     @field_validator(*QUANTITIES)
     @classmethod
@@ -135,6 +130,8 @@ class Flight(Strict):
             raise ValueError(f"{columns[0]} = {shown(getattr(self, columns[0]))} is the column of a file; give file")
         if self.file is not None and not columns:
             raise ValueError(f"no value is taken from file {shown(self.file)}; give one a column's header")
+        if self.file is None and (unused := self.model_fields_set & FileKeys.model_fields.keys()):
+            raise ValueError(f"{sorted(unused)[0]} says how a file is read; give file")
         if not self.given:
             raise ValueError(f"gives nothing; valid: {', '.join(QUANTITIES)}")
         return self
@@ -210,14 +207,15 @@ def _given(
         value, quantity = getattr(flight, name), QUANTITIES[name]
         if isinstance(value, str):
             assert content is not None
-            keys = Keys(
-                quantity.unit, value, flight.time_column, flight.time_unit, bounds=(quantity.low, quantity.high),
-                constant=True,
-            )  # fmt: skip
+            how = {key: getattr(flight, key) for key in FileKeys.model_fields}
+            keys = Keys(quantity.unit, value, bounds=(quantity.low, quantity.high), constant=True, **how)
             try:
                 read = read_samples(content, keys, duration)
             except ValueError as error:
-                raise FaultError(f"flight.{name}", f"file {shown(flight.file)} {error}") from None
+                told = str(error)
+                for absent in ("column", "scale"):  # keys of other files
+                    told = told.partition(f"; give {absent}")[0]
+                raise FaultError(f"flight.{name}", f"file {shown(flight.file)} {told}") from None
             notes.append(f"flight.{name} {escaped(str(flight.file))}: {read.note}")
             yield name, np.interp(times, read.times, read.values)
         elif isinstance(value, list | tuple):
