@@ -89,7 +89,8 @@ def test_a_damping_is_the_share_of_critical_that_its_source_says(name: str) -> N
         if share := re.search(r"([\d.]+) of critical", source):
             feel = first.on(load_rig(first.about.rig).parameters).feel
             stiffness = feel.stiffness + feel.q_feel.gradient * feel.flight.dynamic_pressure
-            assert feel.damping / (2.0 * math.sqrt(stiffness * feel.inertia)) == pytest.approx(float(share[1]), abs=0.03)
+            found = feel.damping / (2.0 * math.sqrt(stiffness * feel.inertia))
+            assert found == pytest.approx(float(share[1]), abs=0.03)
             said += 1
     assert said or name in ("bell412", "engine_lever", "light_aircraft")
 
@@ -370,6 +371,13 @@ def test_a_run_says_its_scales_and_what_the_rig_cannot_do() -> None:
     assert "forces are 0.4 of the aircraft's" in notes("aircraft.force_scale=0.4")
     assert "numbers are assumed" in notes()
     assert "angles are 0.8" in "\n".join(load_scenario("aircraft_a320_roll").notes)
+
+
+def test_a_run_with_a_file_of_ones_own_names_that_file(tmp_path: Path) -> None:
+    (tmp_path / "c27j.toml").write_text(STICK)
+    text = 'title = "t"\nduration = 0.1\n[aircraft]\nname = "c27j.toml"\n'
+    scenario = parse_scenario(text, path=tmp_path / "s.toml")
+    assert any("`cls-bench aircraft c27j.toml`" in note for note in scenario.notes)
 
 
 def test_a_recording_carries_the_aircraft(tmp_path: Path) -> None:

@@ -151,7 +151,7 @@ def test_a_flight_from_a_file(tmp_path):
     assert flight_of(again, 0.2) == found
     with pytest.raises(InputError, match=r'flight.altitude_ft: file "f.csv" names "m" as the unit .* says ft$'):
         parse_scenario(text.replace("altitude_ft = 3000", 'altitude_ft = "alt"'), path=tmp_path / "s.toml")
-    with pytest.raises(InputError, match=r'flight.tab_deg: file "f.csv" has no column "tab"; found: time \[s\], .*alpha_deg$'):
+    with pytest.raises(InputError, match=r'flight.tab_deg: file "f.csv" has no column "tab"; found: .*alpha_deg$'):
         parse_scenario(f'{text}tab_deg = "tab"', path=tmp_path / "s.toml")
 
 
@@ -241,7 +241,7 @@ def test_the_hinge_moment_grows_with_dynamic_pressure():
         ('airspeed_kt = "IAS"', "flight", "is the column of a file; give file"),
         ('airspeed_kt = 100\nfile = "f.csv"', "flight", "no value is taken from file"),
         ('airspeed_kt = "IAS"\nfile = "f.csv"', "flight.file", "cannot be read"),
-        ('airspeed_kt = "v"\nfile = "f.csv"\ntime_unit = "qq"', "flight.time_unit", '"qq" is not valid; give one of "s"'),
+        ('airspeed_kt = "v"\nfile = "f.csv"\ntime_unit = "qq"', "flight.time_unit", '"qq" is not valid; give one'),
         ('airspeed_kt = 100\nskip = 1', "flight", "skip says how a file is read; give file"),
         ("", "flight", "gives nothing; valid: airspeed_kt"),
         ("airspeed = 100.0", "flight.airspeed", "unknown key; did you mean airspeed_kt"),

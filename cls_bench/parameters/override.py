@@ -133,14 +133,14 @@ def override(parameters: Parameters, table: Mapping[str, Any], *, live_only: boo
             if missing := not_in_use(found, key):
                 raise FaultError(key, missing)
         return found
-    section_type: type[Section] = Parameters
     # Of an entry of a table the table itself says what is wanted.
-    error["loc"] = tuple(part for part in (*prefix, *error["loc"]) if isinstance(part, str))
-    for part in error["loc"]:
+    place = tuple(part for part in (*prefix, *error["loc"]) if isinstance(part, str))
+    section_type: type[Section] = Parameters
+    for part in place:
         inner_type = section_type.model_fields[part].annotation
         if isinstance(inner_type, type) and issubclass(inner_type, Section):
             section_type = inner_type
-    raise FaultError(".".join(error["loc"]), problem_of(error, section_type))
+    raise FaultError(".".join(place), problem_of({**error, "loc": place}, section_type))
 
 
 def not_in_use(parameters: Parameters, key: str) -> str:

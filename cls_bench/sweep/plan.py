@@ -222,8 +222,8 @@ def _check_keys(sweep: Sweep, scenario: Scenario) -> None:
         elif key not in (*known_keys(), *TOP, *tables):
             raise InputError(
                 f"axes[{k}].key: {shown(axis.key)} is unknown; valid are parameters (cls-bench list --parameters), "
-                "duration, seed, rig, those of tables such as aircraft.condition and flight.airspeed_kt, and entries such "
-                "as squeeze[0].value"
+                "duration, seed, rig, those of tables such as aircraft.condition and flight.airspeed_kt, and "
+                "of entries such as squeeze[0].value"
             )
         elif not other_rigs and (missing := not_in_use(parameters, key)):
             raise InputError(f"axes[{k}].key: {axis.key}: {missing}")
