@@ -80,7 +80,7 @@ def spring_torque(feel: Feel, angle: float) -> float:
 
 
 def _gearing(feel: Feel, angle: float) -> tuple[float, float]:
-    """Deflection of the surface [rad] and its slope at an ``angle`` of the control [rad]; past a table as at its end."""
+    """Deflection of the surface [rad] and its slope at an ``angle`` of the control [rad]; past a table, its end's."""
     x, y = feel.surface.control_angle, feel.surface.deflection
     if not x:
         return feel.surface.gearing * angle, feel.surface.gearing

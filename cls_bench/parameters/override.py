@@ -26,6 +26,11 @@ RENAMED = {
 """Parameters that had another name in earlier versions."""
 
 
+def present_names(table: Mapping[str, Any]) -> dict[str, Any]:
+    """A nested table of parameters, with those that had another name under their present one."""
+    return nested({RENAMED.get(key, key): value for key, value in flat(table)})
+
+
 @cache
 def known_keys() -> Mapping[str, Mapping[str, Any]]:
     """All parameters by dotted key, with unit, source, meaning, what is valid, and whether they are live."""
