@@ -131,7 +131,9 @@ def test_recorded_samples(tmp_path):
     assert "4 samples" in scenario.notes[0]
     again = parse_scenario(scenario.source, sample_files=scenario.sample_files)
     assert again.parameters_at(0.06) == scenario.parameters_at(0.06)
-    assert scenario.on(scenario.parameters_at_start()).parameters_at(0.06) == scenario.parameters_at(0.06)
+    other = scenario.on(scenario.parameters_at_start())
+    assert other.parameters_at(0.06) == scenario.parameters_at(0.06)
+    assert other.notes == scenario.notes
 
 
 @pytest.mark.parametrize("key", ["drive.velocity_bandwidth", "limb.mass", "limb.tight_stiffness", "feel.gust.torque"])

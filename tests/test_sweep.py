@@ -215,6 +215,19 @@ values = [200.0]
     assert feels[1].flight.airspeed > 1.5 * feels[0].flight.airspeed == pytest.approx(1.5 * 200.0 * 1852.0 / 3600.0)
 
 
+def test_a_changed_file_among_those_of_an_axis_is_another_sweep(file: Any, tmp_path: Path) -> None:
+    text = 'title = "F"\nscenario = "feel_q"\n[[axes]]\nkey = "flight.tab_deg"\nkind = "list"\nvalues = ["a", "b"]\n'
+    text += '[[axes]]\nkey = "flight.file"\nkind = "list"\nvalues = ["one.csv", "two.csv"]\n'
+    scenario = load_scenario("feel_q").source.decode()
+    path = file(text.replace('"feel_q"', '"q.toml"'))
+    (path.parent / "q.toml").write_text(scenario)
+    for name in ("one", "two"):
+        (path.parent / f"{name}.csv").write_text("time,a,b\n0,0,1\n1,1,2\n")
+    before = load_sweep(path).identity
+    (path.parent / "two.csv").write_text("time,a,b\n0,0,1\n1,1,3\n")
+    assert load_sweep(path).identity != before
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [

@@ -21,6 +21,7 @@ from cls_bench.course import Course
 from cls_bench.input.faults import FaultError, shown
 from cls_bench.parameters.moving import HOST_CYCLE
 from cls_bench.parameters.override import bounds
+from cls_bench.quantity import DEG
 from cls_bench.scenario.sample_file import Keys, read_samples
 from cls_bench.scenario.segments import FileKeys, Name
 from cls_bench.signals import Clock
@@ -39,8 +40,6 @@ def _of_parameter(key: str, unit: str, scale: float) -> _Quantity:
     low, high = bounds(f"feel.flight.{key}")
     return _Quantity(unit, low / scale, high / scale)
 
-
-DEG = math.pi / 180.0
 
 QUANTITIES: Mapping[str, _Quantity] = {
     "airspeed_kt": _Quantity("kt", 0.0, 660.0),

@@ -27,6 +27,8 @@ go with every combination. Values are SI, as in ``--set``.
 
 import itertools
 import math
+from collections.abc import Iterator
+from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -144,13 +146,30 @@ class Plan:
     def identity(self) -> str:
         """What is evaluated, for the journal: both files, samples and rigs they name, and the controller's sources."""
         parts = [
-            self.source, self.scenario.source, *self.scenario.sample_files.values(),
+            self.source, self.scenario.source, *self.scenario.sample_files.values(), *self._chosen_files(),
             *(entry.encode() for entry in self.scenario.overrides),
             *(rig.source for rig in self.rigs.values()),
         ]  # fmt: skip
         place = self.scenario.controller_place
         controller = "" if place is None else fingerprint(place)
         return "\n".join([*(part.decode(errors="replace") for part in parts), controller])
+
+    def _chosen_files(self) -> Iterator[bytes]:
+        """Contents of the files that an axis chooses among, such as ``flight.file`` or ``aircraft.name``."""
+        if not any(_names_a_file(axis.key) for axis in self.sweep.axes):
+            return
+        seen = list[dict[str, Any]]()
+        for point in self.sweep.points:
+            table = {key: value for key, value in point.items() if _names_a_file(key) or key.startswith(TABLES)}
+            if table in seen:
+                continue
+            seen.append(table)
+            with suppress(InputError):  # that point is a row with its error
+                yield from self.scenario.changed(table).sample_files.values()
+
+
+def _names_a_file(key: str) -> bool:
+    return key == "aircraft.name" or key.endswith(".file")
 
 
 def _collected(sweep: Sweep, scenario: Scenario) -> tuple[Check, ...]:
