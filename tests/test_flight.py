@@ -166,6 +166,60 @@ def test_a_file_as_spreadsheets_write_it():
     assert flight_of(scenario, 0.9).airspeed == pytest.approx(90.5 * KNOT)
 
 
+SCHEDULED = """
+airspeed_kt = [[0.0, 100], [0.2, 200]]
+tab_deg = 1.0
+[flight.schedules]
+"feel.centering.breakout" = [[100, 0.5], [150, 1.0], [190, 0.8]]
+limb.mass = [[100, 1.5], [200, 2.5]]
+"""
+
+
+def test_other_parameters_follow_the_airspeed():
+    text = f'title = "t"\nduration = 0.25\n[flight]{SCHEDULED}'
+    scenario, bench = parse_scenario(text), Bench(parse_scenario(text).parameters_at_start())
+    assert scenario.parameters_at_start().feel.centering.breakout == 0.5
+    for block in scripted.run(bench, scenario):
+        now = bench.parameters
+        knots = np.interp(bench.time - 0.01, [0.0, 0.2], [100.0, 200.0])  # a host cycle late
+        # what was written last is that of a PLC cycle ago, of the mass that of its host cycle
+        expected = np.interp(knots, [100.0, 150.0, 190.0], [0.5, 1.0, 0.8])
+        assert now.feel.centering.breakout == pytest.approx(expected, abs=0.005)
+        assert now.limb.mass == pytest.approx(np.interp(knots, [100.0, 200.0], [1.5, 2.5]), abs=0.06)
+        assert block.ticks
+    assert bench.parameters.feel.centering.breakout == 0.8
+    assert bench.parameters.limb.mass == 2.5
+    again = parse_scenario(Scenario(**scenario.table).source)
+    assert again.parameters_at(0.1) == scenario.parameters_at(0.1)
+    assert 0.9 < scenario.parameters_at(0.1).feel.centering.breakout < 1.0
+
+
+@pytest.mark.parametrize(
+    ("line", "key", "what"),
+    [
+        ("feel.stiffness = 3.0", ".feel.stiffness", "3.0 is not valid; give up to 10000 points"),
+        ("feel.stiffness = [[100, -3]]", ".feel.stiffness", "-3 is not valid; it must be ≥ 0"),
+        ("feel.stiffness = [[100, 3], [100, 4]]", ".feel.stiffness", "do not grow"),
+        ("feel.stifness = [[100, 3]]", ".feel.stifness", "did you mean feel.stiffness"),
+        ("column.inertia = [[100, 1]]", ".column.inertia", "holds for the whole run"),
+        ("feel.flight.airspeed = [[100, 1]]", ".feel.flight.airspeed", "follows from [flight]"),
+        ("feel.aft_limit.angle = [[100, 0.2], [200, 0.9]]", ".feel", "must not exceed"),
+    ],
+)
+def test_a_schedule_that_is_not_valid(line, key, what):
+    with pytest.raises(InputError) as caught:
+        parse_scenario(f'title = "t"\nduration = 0.25\n[flight]{SCHEDULED}{line}\n', name="s.toml")
+    assert str(caught.value).startswith(f"s.toml: flight.schedules{key}: ") and what in str(caught.value)
+
+
+def test_a_schedule_needs_an_airspeed_and_nothing_else_may_give_its_parameter():
+    start = 'title = "t"\nduration = 0.25\n[flight]\n'
+    with pytest.raises(InputError, match="flight: schedules are over the airspeed; give airspeed_kt"):
+        parse_scenario(f"{start}load_factor = 1.0\n[flight.schedules]\nfeel.stiffness = [[1, 2]]")
+    with pytest.raises(InputError, match=r"parameters.feel.centering.breakout: follows from \[flight\]"):
+        parse_scenario(f"{start}{SCHEDULED}[parameters]\nfeel.centering.breakout = 1.0")
+
+
 # --- what the pilot feels ---------------------------------------------------------------------------------------------
 
 HELD = """

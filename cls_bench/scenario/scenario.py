@@ -209,7 +209,7 @@ class Scenario(Strict):
         self._motion = motion(
             self.changes, self._start, flown.courses, driven, self.clock, self.duration, files, notes
         )  # fmt: skip
-        for key, tick in self._motion.probes:
+        for key, tick in (*flown.probes, *self._motion.probes):
             _check_step(key, self._at(key, tick, self.clock.time(int(tick))))
         for k, change in enumerate(self.changes):
             if any(key.partition(".")[0] in PLANT for key in (change.parameter or "", *dict(flat(change.parameters)))):
