@@ -17,7 +17,9 @@ from cls_bench.aircraft.units import UNITS, Scale, angle_deg, at_grip
 from cls_bench.analysis.quasi_static import static_curve
 from cls_bench.cli import main
 from cls_bench.errors import InputError
+from cls_bench.feel.elements.flight import Flight
 from cls_bench.feel.elements.linkage import Linkage
+from cls_bench.feel.elements.surface import Surface
 from cls_bench.linear.hand import Hand
 from cls_bench.linear.prediction import growth_rate
 from cls_bench.linear.variation import Setup
@@ -72,10 +74,25 @@ def test_every_control_fits_its_rig_in_every_condition(name: str) -> None:
 
 @pytest.mark.parametrize("name", SHIPPED)
 def test_every_number_says_where_it_is_from_or_why_it_is_assumed(name: str) -> None:
-    begins = re.compile(r"assumed: \w|fit: \w|derived: \w|\w.*\d|the condition itself|no feel spring|a lever stays")
+    begins = re.compile(r"assumed: \w|fit: \w|derived: \w|\w.*\d|the condition itself")
     for setting in load_aircraft(name).settings:
         for key, number in setting.numbers.items():
             assert begins.match(number.source), f"{name} {key}: {number.source}"
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_a_damping_is_the_share_of_critical_that_its_source_says(name: str) -> None:
+    said = 0
+    for axis in load_aircraft(name).axes:
+        first = next(s for s in load_aircraft(name).settings if s.axis == axis)
+        source = first.numbers["damping"].source
+        if share := re.search(r"([\d.]+) of critical", source):
+            feel = first.on(load_rig(first.about.rig).parameters).feel
+            stiffness = feel.stiffness + feel.q_feel.gradient * feel.flight.dynamic_pressure
+            found = feel.damping / (2.0 * math.sqrt(stiffness * feel.inertia))
+            assert found == pytest.approx(float(share[1]), abs=0.03)
+            said += 1
+    assert said or name in ("bell412", "engine_lever", "light_aircraft")
 
 
 def test_what_the_notes_mark_as_from_memory_is_assumed() -> None:
@@ -235,6 +252,15 @@ def test_forces_and_angles_at_the_grip() -> None:
             wrong()
 
 
+def test_the_hinge_moment_of_a_gearing_table_counts() -> None:
+    table = {"control_angle": [-0.3, 0.0, 0.1, 0.3], "deflection": [-0.5, 0.0, 0.1, 0.6], "hinge_zero": 0.01}
+    surface = Surface(area=1.2, chord=0.4, hinge_deflection=-0.5, **table)  # type: ignore[arg-type]
+    feel = Feel(friction=0.0, static_friction=0.0, surface=surface, flight=Flight(dynamic_pressure=900.0))
+    path = np.linspace(-0.2, 0.2, 9)
+    theory = static_curve(feel, path).tolist()
+    assert [spring_torque(feel, angle) for angle in path.tolist()] == pytest.approx(theory)
+
+
 def test_the_largest_force_is_that_at_the_end_of_the_travel() -> None:
     setting = load_aircraft("c27j").setting("elevator", "low_speed")
     rig = load_rig("elevator").parameters
@@ -345,6 +371,13 @@ def test_a_run_says_its_scales_and_what_the_rig_cannot_do() -> None:
     assert "forces are 0.4 of the aircraft's" in notes("aircraft.force_scale=0.4")
     assert "numbers are assumed" in notes()
     assert "angles are 0.8" in "\n".join(load_scenario("aircraft_a320_roll").notes)
+
+
+def test_a_run_with_a_file_of_ones_own_names_that_file(tmp_path: Path) -> None:
+    (tmp_path / "c27j.toml").write_text(STICK)
+    text = 'title = "t"\nduration = 0.1\n[aircraft]\nname = "c27j.toml"\n'
+    scenario = parse_scenario(text, path=tmp_path / "s.toml")
+    assert any("`cls-bench aircraft c27j.toml`" in note for note in scenario.notes)
 
 
 def test_a_recording_carries_the_aircraft(tmp_path: Path) -> None:

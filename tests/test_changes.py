@@ -131,7 +131,9 @@ def test_recorded_samples(tmp_path):
     assert "4 samples" in scenario.notes[0]
     again = parse_scenario(scenario.source, sample_files=scenario.sample_files)
     assert again.parameters_at(0.06) == scenario.parameters_at(0.06)
-    assert scenario.on(scenario.parameters_at_start()).parameters_at(0.06) == scenario.parameters_at(0.06)
+    other = scenario.on(scenario.parameters_at_start())
+    assert other.parameters_at(0.06) == scenario.parameters_at(0.06)
+    assert other.notes == scenario.notes
 
 
 @pytest.mark.parametrize("key", ["drive.velocity_bandwidth", "limb.mass", "limb.tight_stiffness", "feel.gust.torque"])
@@ -438,6 +440,8 @@ WRONG = [
     ("over = 0.1\nparameters = {feel.stiffness = -1.0}", ".parameters.feel.stiffness", "≥ 0"),
     ("over = 0.1\nparameters = {feel.inertia = 1e-3, feel.damping = 1e4}", ".parameters.feel", ""),
     ("over = 0.1\nparameters = {feel.aft_limit.angle = 0.4}", ".parameters.feel", "must not exceed"),
+    ("parameters = {feel.detents.place = [0.0, true]}", ".parameters.feel.detents.place", "true is not valid"),
+    ("parameters = {feel.detents.place = [[0, 1]]}", ".parameters.feel.detents.place", "[0, 1] is not valid"),
     ("over = 0.1\nparameters = {limb.tight_stiffness = 1e9}", ".parameters.limb.tight_stiffness", ""),
     ("over = 0.1\nparameters = {column.inertia = 1.0}", ".parameters.column.inertia", "whole run"),
     ('parameter = "feel.stiffness"', "", "belong together"),

@@ -331,6 +331,12 @@ def test_friction_at_the_grip_is_half_the_difference() -> None:
         assert value("grip_friction", arguments={"at_deg": at}, **AT_GRIP) == pytest.approx(0.6 / 0.3, rel=0.01)
 
 
+def test_friction_that_pushes_the_hand_along_is_negative() -> None:
+    forward = AT_GRIP | {"column__torque": -AT_GRIP["column__torque"]}
+    for at in (-6.0, 6.0):
+        assert value("grip_friction", arguments={"at_deg": at}, **forward) == pytest.approx(-0.6 / 0.3, rel=0.01)
+
+
 def test_no_force_where_the_column_does_not_pass() -> None:
     assert "does not pass 20 deg away from neutral" in why_not("grip_force", arguments={"at_deg": 20.0}, **AT_GRIP)
     assert "is neutral, or next to it" in why_not("grip_force", arguments={"at_deg": 0.5}, **AT_GRIP)

@@ -241,3 +241,16 @@ def test_what_a_rig_has_not_cannot_be_set(key, value):
     here = ['linkage.kind="none"'] if key.startswith("linkage") else []
     with pytest.raises(InputError, match=f"{re.escape(key)}.*there is no"):
         parse_scenario(text, set=[*here, f"{key}={value}"])
+
+
+def test_a_recording_of_an_earlier_version_is_read_and_a_new_scenario_learns_the_name():
+    text = (
+        'title = "t"\nduration = 1.0\n[parameters.feel]\nshaker_torque = 0.5\ncentering_breakout = 0.2\n'
+        "[[changes]]\nat = 0.5\nparameters.feel.autopilot_torque = 2.0\n"
+    )
+    old = parse_scenario(text, sample_files={}, set=["feel.disturbance_torque=1.0"])
+    feel, later = old.parameters_at(0.0).feel, old.parameters_at(0.6).feel
+    assert (feel.shaker.torque, feel.centering.breakout, feel.disturbance.torque) == (0.5, 0.2, 1.0)
+    assert (feel.autopilot.torque, later.autopilot.torque) == (0.0, 2.0)
+    with pytest.raises(InputError, match=r"feel.shaker_torque: is called feel.shaker.torque now"):
+        parse_scenario(text)

@@ -191,6 +191,43 @@ count = 3
     assert all(type(p["seed"]) is int for p in points)
 
 
+def test_aircraft_and_flight_are_swept(file: Any) -> None:
+    plan = load_sweep(
+        file("""
+title = "Conditions"
+scenario = "aircraft_c27j_elevator"
+[[axes]]
+key = "aircraft.condition"
+kind = "list"
+values = ["medium", "hydraulics_off"]
+[[axes]]
+key = "flight.altitude_ft"
+kind = "list"
+values = [0.0, 30000.0]
+[[axes]]
+key = "flight.airspeed_kt"
+kind = "list"
+values = [200.0]
+""")
+    )
+    feels = [plan.scenario.changed(point).parameters_at_start().feel for point in plan.sweep.points]
+    assert [feel.hydraulics.pressure for feel in feels] == [1.0, 1.0, 0.0, 0.0]
+    assert feels[1].flight.airspeed > 1.5 * feels[0].flight.airspeed == pytest.approx(1.5 * 200.0 * 1852.0 / 3600.0)
+
+
+def test_a_changed_file_among_those_of_an_axis_is_another_sweep(file: Any, tmp_path: Path) -> None:
+    text = 'title = "F"\nscenario = "feel_q"\n[[axes]]\nkey = "flight.tab_deg"\nkind = "list"\nvalues = ["a", "b"]\n'
+    text += '[[axes]]\nkey = "flight.file"\nkind = "list"\nvalues = ["one.csv", "two.csv"]\n'
+    scenario = load_scenario("feel_q").source.decode()
+    path = file(text.replace('"feel_q"', '"q.toml"'))
+    (path.parent / "q.toml").write_text(scenario)
+    for name in ("one", "two"):
+        (path.parent / f"{name}.csv").write_text("time,a,b\n0,0,1\n1,1,2\n")
+    before = load_sweep(path).identity
+    (path.parent / "two.csv").write_text("time,a,b\n0,0,1\n1,1,3\n")
+    assert load_sweep(path).identity != before
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [
@@ -201,6 +238,8 @@ count = 3
         (('key = "feel.inertia"', 'key = "squeeze[0].value"'), "there twice"),
         (("squeeze[0]", "squeeze[3]"), "the scenario has 1 entries of squeeze"),
         (("squeeze[0].value", "squeeze[0].tight"), "squeeze[0].tight: unknown key"),
+        (("squeeze[0].value", "flight.airspeed"), "flight.airspeed: unknown key; did you mean airspeed_kt"),
+        (("squeeze[0].value", "aircraft.axis"), "aircraft.name: missing"),
         (('"push.toml"', '"pull.toml"'), "pull.toml: no such file"),
         (("[[axes]]", "colour = 1\n[[axes]]"), "colour: unknown key"),
         (("[[axes]]", "samples = 3\n[[axes]]"), "samples: give it if there are random axes"),

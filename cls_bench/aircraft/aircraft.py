@@ -33,6 +33,11 @@ class Aircraft:
     """name of the file as an attachment of a recording"""
 
     @property
+    def is_file(self) -> bool:
+        """Whether it is a user's own file, not one that comes with the bench."""
+        return self.file != _attachment(self.name)
+
+    @property
     def metadata(self) -> dict[str, str]:
         """What a recording says of it."""
         sha = hashlib.sha256(self.source).hexdigest()
@@ -82,7 +87,7 @@ def find_aircraft(name: str, folder: Path = Path(), given: Mapping[str, bytes] |
     """
     shipped = shipped_aircraft().get(name)
     if shipped is not None:
-        file = f"{name}.aircraft.toml"
+        file = _attachment(name)
         source = given[file] if given is not None and file in given else _read(shipped, name)
         return _parsed(source, name, file)
     if given is not None and name not in given:
@@ -95,6 +100,11 @@ def parse_aircraft(toml: str | bytes, *, name: str = "aircraft") -> Aircraft:
     """Make an aircraft of the text of its file. Raises InputError."""
     source = toml.encode(errors="surrogatepass") if isinstance(toml, str) else toml
     return _parsed(source, name, f"{name}.toml")
+
+
+def _attachment(name: str) -> str:
+    """Name of a shipped aircraft's file in a recording."""
+    return f"{name}.aircraft.toml"
 
 
 def _read(path: Path, said: str) -> bytes:

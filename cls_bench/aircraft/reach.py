@@ -70,12 +70,23 @@ def spring_torque(feel: Feel, angle: float) -> float:
     torque = unit * ((feel.stiffness + min(feel.q_feel.gradient * q, feel.q_feel.most)) * x + held)
     torque -= _detents(feel, angle)
     s = feel.surface
-    if s.area > 0.0 and not s.control_angle:
+    if s.area > 0.0:
         borne = 1.0 - s.boost * feel.hydraulics.pressure
+        deflection, ratio = _gearing(feel, angle)
         hinge = s.hinge_zero + s.hinge_alpha * feel.flight.angle_of_attack + s.hinge_tab * feel.flight.tab
-        hinge += s.hinge_deflection * s.gearing * angle
-        torque -= borne * s.gearing * q * s.area * s.chord * hinge
+        hinge += s.hinge_deflection * deflection
+        torque -= borne * ratio * q * s.area * s.chord * hinge
     return torque - feel.down_spring.torque - feel.bob_weight.torque * feel.flight.load_factor
+
+
+def _gearing(feel: Feel, angle: float) -> tuple[float, float]:
+    """Deflection of the surface [rad] and its slope at an ``angle`` of the control [rad]; past a table, its end's."""
+    x, y = feel.surface.control_angle, feel.surface.deflection
+    if not x:
+        return feel.surface.gearing * angle, feel.surface.gearing
+    k = min(max(int(np.searchsorted(x, angle, side="right")) - 1, 0), len(x) - 2)
+    ratio = (y[k + 1] - y[k]) / (x[k + 1] - x[k])
+    return y[k] + ratio * (angle - x[k]), ratio
 
 
 def _detents(feel: Feel, angle: float) -> float:

@@ -10,6 +10,7 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
+from cls_bench.atmosphere import KNOT
 from cls_bench.quantity import DEG, GRAVITY
 
 POUND = 0.45359237 * GRAVITY
@@ -17,9 +18,6 @@ POUND = 0.45359237 * GRAVITY
 
 INCH = 0.0254
 """One inch [m] (exact by definition)."""
-
-KNOT = 1852.0 / 3600.0
-"""One knot [m/s] (exact by definition)."""
 
 
 class Unit(NamedTuple):

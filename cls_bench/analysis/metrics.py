@@ -586,11 +586,15 @@ def grip_force(window: Window, at_deg: float, unloading: float) -> float:
 
 @_metric("N", signals=_GRIP, at_deg=_AT_GRIP)
 def grip_friction(window: Window, at_deg: float) -> float:
-    """Half the difference of the forces at the grip at one angle both ways: friction as maintenance manuals have it."""
+    """Half the difference of the forces at the grip at one angle both ways: friction as maintenance manuals have it.
+
+    Negative where the control pushes the hand along.
+    """
     away, back = _passing(window, at_deg)
     if not away or not back:
         raise Unmeasured(f"the column does not pass {at_deg:g} deg both ways without stopping")
-    return 0.5 * abs(float(np.mean(away)) - float(np.mean(back)))
+    side = math.copysign(1.0, at_deg * DEG - window.parameters.feel.neutral)
+    return 0.5 * side * (float(np.mean(away)) - float(np.mean(back)))
 
 
 @_metric("N", signals=("/column.angle", "/column.torque"), threshold_deg=_THRESHOLD, below_hz=_GAUGE)

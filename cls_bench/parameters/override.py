@@ -26,6 +26,11 @@ RENAMED = {
 """Parameters that had another name in earlier versions."""
 
 
+def present_names(table: Mapping[str, Any]) -> dict[str, Any]:
+    """A nested table of parameters, with those that had another name under their present one."""
+    return nested({RENAMED.get(key, key): value for key, value in flat(table)})
+
+
 @cache
 def known_keys() -> Mapping[str, Mapping[str, Any]]:
     """All parameters by dotted key, with unit, source, meaning, what is valid, and whether they are live."""
@@ -133,13 +138,14 @@ def override(parameters: Parameters, table: Mapping[str, Any], *, live_only: boo
             if missing := not_in_use(found, key):
                 raise FaultError(key, missing)
         return found
+    # Of an entry of a table the table itself says what is wanted.
+    place = tuple(part for part in (*prefix, *error["loc"]) if isinstance(part, str))
     section_type: type[Section] = Parameters
-    error["loc"] = (*prefix, *error["loc"])
-    for part in error["loc"]:
-        inner_type = section_type.model_fields[str(part)].annotation
+    for part in place:
+        inner_type = section_type.model_fields[part].annotation
         if isinstance(inner_type, type) and issubclass(inner_type, Section):
             section_type = inner_type
-    raise FaultError(".".join(map(str, error["loc"])), problem_of(error, section_type))
+    raise FaultError(".".join(place), problem_of({**error, "loc": place}, section_type))
 
 
 def not_in_use(parameters: Parameters, key: str) -> str:

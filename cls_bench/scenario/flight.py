@@ -3,11 +3,12 @@
 ``[flight]`` gives airspeed, altitude, angle of attack, load factor and tab, each as a constant, as points over time or
 as a column of a file. In each host cycle of 10 ms the feel model's ``feel.flight`` parameters are worked out from them,
 with the standard atmosphere (:mod:`cls_bench.atmosphere`). As over a real link, the bench goes to each value in a
-straight line while the next is awaited: it is one host cycle late, and without stairs.
+straight line while the next is awaited: it is one host cycle late, and without stairs. Other live parameters may follow
+schedules over the airspeed in the same way.
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import Annotated, Any, NamedTuple
 
@@ -19,11 +20,12 @@ from cls_bench import atmosphere, course
 from cls_bench.atmosphere import FOOT, KNOT
 from cls_bench.course import Course
 from cls_bench.input.faults import FaultError, shown
-from cls_bench.input.tables import Strict
-from cls_bench.parameters.moving import HOST_CYCLE
-from cls_bench.parameters.override import bounds
+from cls_bench.parameters.moving import HOST_CYCLE, STEPPED
+from cls_bench.parameters.override import bounds, flat
+from cls_bench.quantity import DEG
+from cls_bench.scenario.moving import check_follower
 from cls_bench.scenario.sample_file import Keys, read_samples
-from cls_bench.scenario.segments import Name
+from cls_bench.scenario.segments import FileKeys, Name
 from cls_bench.signals import Clock
 from cls_bench.text import escaped
 
@@ -40,8 +42,6 @@ def _of_parameter(key: str, unit: str, scale: float) -> _Quantity:
     low, high = bounds(f"feel.flight.{key}")
     return _Quantity(unit, low / scale, high / scale)
 
-
-DEG = math.pi / 180.0
 
 QUANTITIES: Mapping[str, _Quantity] = {
     "airspeed_kt": _Quantity("kt", 0.0, 660.0),
@@ -76,11 +76,17 @@ MOST_POINTS = 10_000
 """Points of a schedule in the scenario itself."""
 
 
+def _are_points(given: Any) -> bool:
+    return isinstance(given, list | tuple) and len(given) > 0 and all(
+        isinstance(p, list | tuple) and len(p) == 2 and all(map(_is_number, p)) for p in given
+    )
+
+
 def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
-class Flight(Strict):
+class Flight(FileKeys):
     """The flight that the feel model follows, each value a number, points over time, or a column of a file."""
 
     airspeed_kt: Schedule | None = None
@@ -95,12 +101,10 @@ class Flight(Strict):
     """load factor n_z [1]"""
     tab_deg: Schedule | None = None
     """deflection of the trim tab [deg]"""
+    schedules: dict[str, Any] = Field(default_factory=dict, max_length=100)
+    """other live parameters that follow the airspeed, by dotted key: points [[kt, value], …], values in SI"""
     file: Name | None = None
     """text file with columns over time, as for a hand of recorded samples; relative to the scenario file"""
-    time_column: Name | None = None
-    """header of the file's column with the time; found if it is called time, t, timestamp or the like"""
-    time_unit: Annotated[str, Field(max_length=3)] | None = None
-    """unit of the file's time; that of the header, or s, if left out"""
 
     @field_validator(*QUANTITIES)
     @classmethod
@@ -111,9 +115,7 @@ class Flight(Strict):
         if _is_number(given):
             _check_value(name, given, "")
             return given
-        if isinstance(given, list | tuple) and given and all(
-            isinstance(p, list | tuple) and len(p) == 2 and all(map(_is_number, p)) for p in given
-        ):
+        if _are_points(given):
             if len(given) > MOST_POINTS:
                 raise ValueError(f"has {len(given)} points; at most {MOST_POINTS} are valid")
             for before, after in pairwise(given):
@@ -135,6 +137,10 @@ class Flight(Strict):
             raise ValueError(f"{columns[0]} = {shown(getattr(self, columns[0]))} is the column of a file; give file")
         if self.file is not None and not columns:
             raise ValueError(f"no value is taken from file {shown(self.file)}; give one a column's header")
+        if self.file is None and (unused := self.model_fields_set & FileKeys.model_fields.keys()):
+            raise ValueError(f"{sorted(unused)[0]} says how a file is read; give file")
+        if self.schedules and self.airspeed is None:
+            raise ValueError("schedules are over the airspeed; give airspeed_kt or true_airspeed_kt")
         if not self.given:
             raise ValueError(f"gives nothing; valid: {', '.join(QUANTITIES)}")
         return self
@@ -145,9 +151,19 @@ class Flight(Strict):
         return tuple(name for name in QUANTITIES if getattr(self, name) is not None)
 
     @property
+    def airspeed(self) -> str | None:
+        """Name of the airspeed that is given."""
+        return next((name for name in ("airspeed_kt", "true_airspeed_kt") if name in self.given), None)
+
+    @property
     def drives(self) -> tuple[str, ...]:
         """Keys of the parameters that follow from it."""
-        keys = ["dynamic_pressure", "airspeed"] if {"airspeed_kt", "true_airspeed_kt"} & {*self.given} else []
+        return (*self.given_directly, *dict(flat(self.schedules)))
+
+    @property
+    def given_directly(self) -> tuple[str, ...]:
+        """Those of them that no schedule gives."""
+        keys = ["dynamic_pressure", "airspeed"] if self.airspeed else []
         keys += [key for key, name in _DIRECT.items() if name in self.given]
         return tuple(f"feel.flight.{key}" for key in keys)
 
@@ -171,6 +187,8 @@ class Flown(NamedTuple):
     """of those that change"""
     notes: tuple[str, ...]
     """what was understood of its file"""
+    probes: tuple[tuple[str, float], ...] = ()
+    """where schedules are to be checked against the rules that join several parameters: key and tick"""
 
 
 def fly(flight: Flight, clock: Clock, duration: float, content: bytes | None) -> Flown:
@@ -189,17 +207,39 @@ def fly(flight: Flight, clock: Clock, duration: float, content: bytes | None) ->
             told |= _speeds(name, of, given[name], given.get("altitude_ft", np.zeros(1)), times)
     for key, name in _DIRECT.items():
         if name in given:
-            told[key] = given[name] * (DEG if name.endswith("_deg") else 1.0)
+            told[f"feel.flight.{key}"] = given[name] * (DEG if name.endswith("_deg") else 1.0)
+    scheduled = dict(flat(flight.schedules))
+    for key, points in scheduled.items():
+        told[key] = np.interp(given[str(flight.airspeed)], *_schedule(key, points, flight.given_directly))
     start: dict[str, float] = {}
     courses: dict[str, Course] = {}
-    line = _line(flight, given)
+    line = ", ".join([_line(flight, given), *(f"{key} over airspeed" for key in scheduled)])
     for key, values in told.items():
-        start[f"feel.flight.{key}"] = float(values[0])
+        start[key] = float(values[0])
         if np.ptp(values) > 0.0:
             # What the host works out at the beginning of its cycle is reached at the beginning of the next.
-            pieces = course.lines(ticks, np.append(values[0], values[:-1]))
-            courses[f"feel.flight.{key}"] = Course(pieces, () if courses else ((0, line),))
-    return Flown(start, courses, tuple(notes))
+            late = np.append(values[0], values[:-1])
+            new = np.append(True, np.diff(late) != 0.0)
+            pieces = course.steps(ticks[new], late[new]) if key in STEPPED else course.lines(ticks, late)
+            courses[key] = Course(pieces, () if courses else ((0, line),))
+    moments = np.linspace(0.0, ticks[-1], 21).tolist() if scheduled else []
+    return Flown(start, courses, tuple(notes), tuple(("flight.schedules", tick) for tick in moments))
+
+
+def _schedule(key: str, points: Any, driven: Sequence[str]) -> tuple[Array, Array]:
+    """Airspeeds [kt] and values of the schedule of a parameter that is not ``driven`` already. Raises FaultError."""
+    where = f"flight.schedules.{key}"
+    check_follower(where, key, driven)
+    if not _are_points(points) or len(points) > MOST_POINTS:
+        raise FaultError(where, f"{shown(points)} is not valid; give up to {MOST_POINTS} points [[kt, value], …]")
+    speed, value = np.array(points, np.float64).T
+    if not np.all(np.diff(speed) > 0.0):
+        raise FaultError(where, "its airspeeds do not grow from point to point")
+    low, high = bounds(key)
+    for each in value.tolist():
+        if not low <= each <= high:
+            raise FaultError(where, f"{each:g} is not valid; it must be ≥ {low:g} and ≤ {high:g}")
+    return speed, value
 
 
 def _given(
@@ -210,14 +250,15 @@ def _given(
         value, quantity = getattr(flight, name), QUANTITIES[name]
         if isinstance(value, str):
             assert content is not None
-            keys = Keys(
-                quantity.unit, value, flight.time_column, flight.time_unit, bounds=(quantity.low, quantity.high),
-                constant=True,
-            )  # fmt: skip
+            how = {key: getattr(flight, key) for key in FileKeys.model_fields}
+            keys = Keys(quantity.unit, value, bounds=(quantity.low, quantity.high), constant=True, **how)
             try:
                 read = read_samples(content, keys, duration)
             except ValueError as error:
-                raise FaultError(f"flight.{name}", f"file {shown(flight.file)} {error}") from None
+                told = str(error)
+                for absent in ("column", "scale"):  # keys of other files
+                    told = told.partition(f"; give {absent}")[0]
+                raise FaultError(f"flight.{name}", f"file {shown(flight.file)} {told}") from None
             notes.append(f"flight.{name} {escaped(str(flight.file))}: {read.note}")
             yield name, np.interp(times, read.times, read.values)
         elif isinstance(value, list | tuple):
@@ -246,7 +287,7 @@ def _speeds(
                         f"{v / KNOT:g} kt at {h / FOOT:g} ft, {times[k]:g} s, is not valid: {error}",
                     ) from None
         raise
-    return {"dynamic_pressure": found.dynamic_pressure, "airspeed": found.true}
+    return {"feel.flight.dynamic_pressure": found.dynamic_pressure, "feel.flight.airspeed": found.true}
 
 
 def _line(flight: Flight, given: Mapping[str, Array]) -> str:

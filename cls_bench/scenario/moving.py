@@ -145,7 +145,7 @@ def motion(
                 probes += [(name, tick + share * span) for share in PROBES]
         if change.parameter is not None:
             key = change.parameter
-            _check_follower(f"changes[{k}].parameter", key, driven)
+            check_follower(f"changes[{k}].parameter", key, driven)
             way = ways.setdefault(key, _Way(key, value_of(start, key)))
             pieces, line = _followed(k, change, tick, clock, duration, files[k], notes)
             pieces = np.concatenate([course.ramp(tick, 0.0, way.at(tick), float(pieces["start"][0])), pieces])
@@ -180,7 +180,8 @@ def _check_free(where: str, key: str, driven: Sequence[str]) -> None:
         raise FaultError(where, "follows from [flight]; change the flight, or leave it out")
 
 
-def _check_follower(where: str, key: str, driven: Sequence[str]) -> None:
+def check_follower(where: str, key: str, driven: Sequence[str]) -> None:
+    """Raise FaultError unless the parameter ``key`` may follow something and is not ``driven`` by the flight."""
     if key not in known_keys():
         raise FaultError(where, f"{shown(key)} is an unknown parameter; {nearest(key, numbers())}")
     if key not in numbers():

@@ -13,6 +13,7 @@ from cls_bench.input.faults import nearest
 from cls_bench.input.files import read_file
 from cls_bench.input.toml_file import MOST_BYTES, parse_toml
 from cls_bench.parameters import Parameters
+from cls_bench.parameters.override import present_names
 from cls_bench.resources import shipped_scenarios
 from cls_bench.rigs import THESIS, Rig, load_rig
 from cls_bench.scenario.placing import as_text, place, place_override
@@ -70,7 +71,8 @@ def parse_scenario(
 
     ``path`` is where the text was read from: it gives the name, and the files that it names are looked for beside it
     (in the current folder without it). If ``sample_files`` is given, name -> content, they are taken from there and
-    nothing is read from the disk. Raises InputError.
+    nothing is read from the disk: so a recording is read, and parameters may have the names of earlier versions. Raises
+    InputError.
     """
     source = toml.encode(errors="surrogatepass") if isinstance(toml, str) else toml
     file = escaped(str(path) if path else name, 500)
@@ -81,9 +83,19 @@ def parse_scenario(
     if found is not None:
         given["rig"] = found.file if found.is_file else found.name
     overridden = {place_override(table, entry) for entry in set} | {place(table, k, v) for k, v in given.items()}
+    if sample_files is not None:
+        _rename(table)
     overrides = (*set, *(as_text(key, value) for key, value in given.items()))
     origin = Origin(
         path.stem if path else name, path, source, overrides, frozenset(overridden), sample_files, found,
         named if found is not None and isinstance(named, str) else "", file,
     )  # fmt: skip
     return Scenario.model_validate(table, context=origin)
+
+
+def _rename(table: dict[str, Any]) -> None:
+    """Give parameters of earlier versions their present names; what is no table is left to the check."""
+    changes = table.get("changes")
+    for owner in (table, *(changes if isinstance(changes, list) else ())):
+        if isinstance(owner, dict) and isinstance(owner.get("parameters"), dict):
+            owner["parameters"] = present_names(owner["parameters"])

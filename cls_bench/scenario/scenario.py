@@ -154,8 +154,8 @@ class Scenario(Strict):
         self._start = parameters_with("parameters", base, self.parameters)
         _check(self)
         self._read_samples()
-        self._set_in_motion()
-        self._notes = (*self._notes, *of_aircraft, *beyond_the_rig(self.hand, self._start))
+        of_files = self._set_in_motion()
+        self._notes = (*self._notes, *of_files, *of_aircraft, *beyond_the_rig(self.hand, self._start))
         written_for = origin.written_for
         if written_for not in ("", self.rig) and any(c.min is not None or c.max is not None for c in self.checks):
             said = f"checks: their limits were written for the rig {shown(written_for)}"
@@ -193,8 +193,8 @@ class Scenario(Strict):
             raise FaultError(key, f"{shown(name)} cannot be read: {error.strerror or error}") from None
         return self._files[name]
 
-    def _set_in_motion(self) -> None:
-        """Work out how parameters move, and check them on their way."""
+    def _set_in_motion(self) -> list[str]:
+        """Work out how parameters move, and check them on their way; returns what was understood of files."""
         notes, flown, driven = list[str](), Flown({}, {}, ()), tuple[str, ...]()
         if (flight := self.flight) is not None:
             driven = flight.drives
@@ -209,12 +209,12 @@ class Scenario(Strict):
         self._motion = motion(
             self.changes, self._start, flown.courses, driven, self.clock, self.duration, files, notes
         )  # fmt: skip
-        self._notes = (*self._notes, *notes)
-        for key, tick in self._motion.probes:
+        for key, tick in (*flown.probes, *self._motion.probes):
             _check_step(key, self._at(key, tick, self.clock.time(int(tick))))
         for k, change in enumerate(self.changes):
             if any(key.partition(".")[0] in PLANT for key in (change.parameter or "", *dict(flat(change.parameters)))):
                 _check_step(f"changes[{k}].parameters", self.parameters_at(change.at + (change.over or 0.0)))
+        return notes
 
     def _read_samples(self) -> None:
         """Take the samples of recorded hands from their files."""

@@ -207,11 +207,9 @@ class Chirp(_Oscillation):
     """whether the frequency or its logarithm grows linearly with time"""
 
 
-class SampleKeys(Strict):
-    """How a file of recorded samples is read."""
+class FileKeys(Strict):
+    """How a file with columns over time is read."""
 
-    column: Name = "value"
-    """header of the column with the values; its number, such as "2", in a file without headers"""
     time_column: Name | None = None
     """header of the column with the time; found if it is called time, t, timestamp or the like"""
     time_unit: Literal["s", "ms", "us", "µs", "ns", "min", "h", "d"] | None = None
@@ -225,6 +223,13 @@ class SampleKeys(Strict):
     """decimal mark; found out if left out"""
     skip: Annotated[int, Field(ge=0, le=100_000)] = 0
     """lines to leave out at the file's beginning [1]"""
+
+
+class SampleKeys(FileKeys):
+    """How a file of recorded samples is read."""
+
+    column: Name = "value"
+    """header of the column with the values; its number, such as "2", in a file without headers"""
     scale: Annotated[float, Field(ge=-1e12, le=1e12)] | None = None
     """factor from the file's values to the unit [1]; 1 if left out"""
     offset: Annotated[float, Field(ge=-1e12, le=1e12)] | None = None

@@ -12,6 +12,7 @@ from cls_bench.input.faults import FaultError
 from cls_bench.input.tables import Strict
 from cls_bench.parameters import Parameters
 from cls_bench.scenario.segments import Name
+from cls_bench.text import escaped
 
 Share = Annotated[float, Field(gt=0, le=1)]
 
@@ -77,4 +78,5 @@ def said_of(aircraft: Aircraft, setting: Setting, rig: Parameters) -> Iterator[s
             f"{_VERDICTS[can.verdict]}"
         )
     assumed = sum(number.is_assumed for number in setting.numbers.values())
-    yield f"{name}: {assumed} of {len(setting.numbers)} numbers are assumed (`cls-bench aircraft {aircraft.name}`)"
+    shown = escaped(aircraft.file) if aircraft.is_file else aircraft.name
+    yield f"{name}: {assumed} of {len(setting.numbers)} numbers are assumed (`cls-bench aircraft {shown}`)"

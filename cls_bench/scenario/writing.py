@@ -16,6 +16,8 @@ def check_writable(scenario: Any) -> None:
     """Raise FaultError for a value that TOML has no form for: those of its free tables may be anything."""
     free = {"parameters": scenario.parameters}
     free |= {f"changes[{k}].parameters": change.parameters for k, change in enumerate(scenario.changes)}
+    if scenario.flight is not None:
+        free["flight.schedules"] = scenario.flight.schedules
     if scenario.controller is not None:
         free["controller.arguments"] = scenario.controller.arguments
     for key, value in free.items():

@@ -27,6 +27,8 @@ go with every combination. Values are SI, as in ``--set``.
 
 import itertools
 import math
+from collections.abc import Iterator
+from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -43,7 +45,7 @@ from cls_bench.parameters.override import known_keys, not_in_use, whole_keys
 from cls_bench.resources import shipped_scenarios
 from cls_bench.rigs import Rig, find_rig
 from cls_bench.scenario import Check, Scenario, load_scenario
-from cls_bench.scenario.placing import IN_ENTRY, TOP
+from cls_bench.scenario.placing import IN_ENTRY, TABLES, TOP
 from cls_bench.sweep.axes import MOST_POINTS, Array, Axis, Listed, Random, Strict
 from cls_bench.sweep.engine import Point
 from cls_bench.text import escaped
@@ -144,13 +146,30 @@ class Plan:
     def identity(self) -> str:
         """What is evaluated, for the journal: both files, samples and rigs they name, and the controller's sources."""
         parts = [
-            self.source, self.scenario.source, *self.scenario.sample_files.values(),
+            self.source, self.scenario.source, *self.scenario.sample_files.values(), *self._chosen_files(),
             *(entry.encode() for entry in self.scenario.overrides),
             *(rig.source for rig in self.rigs.values()),
         ]  # fmt: skip
         place = self.scenario.controller_place
         controller = "" if place is None else fingerprint(place)
         return "\n".join([*(part.decode(errors="replace") for part in parts), controller])
+
+    def _chosen_files(self) -> Iterator[bytes]:
+        """Contents of the files that an axis chooses among, such as ``flight.file`` or ``aircraft.name``."""
+        if not any(_names_a_file(axis.key) for axis in self.sweep.axes):
+            return
+        seen = list[dict[str, Any]]()
+        for point in self.sweep.points:
+            table = {key: value for key, value in point.items() if _names_a_file(key) or key.startswith(TABLES)}
+            if table in seen:
+                continue
+            seen.append(table)
+            with suppress(InputError):  # that point is a row with its error
+                yield from self.scenario.changed(table).sample_files.values()
+
+
+def _names_a_file(key: str) -> bool:
+    return key == "aircraft.name" or key.endswith(".file")
 
 
 def _collected(sweep: Sweep, scenario: Scenario) -> tuple[Check, ...]:
@@ -213,14 +232,17 @@ def _check_keys(sweep: Sweep, scenario: Scenario) -> None:
     """Refuse keys that no point could have; a parameter's value that is not valid is a row with its error."""
     varied = {axis.key for axis in sweep.axes}
     parameters, other_rigs = scenario.parameters_at_start(), varied & {"rig", "gearbox.stages", "linkage.kind"}
+    if tables := {key: value for key, value in sweep.points[0].items() if key.startswith(TABLES)}:
+        scenario.changed(tables)  # together: a condition belongs to the axis beside it
     for k, axis in enumerate(sweep.axes):
         key = axis.key.removeprefix("parameters.")
         if IN_ENTRY.fullmatch(key):
             scenario.changed({key: sweep.points[0][axis.key]})
-        elif key not in (*known_keys(), *TOP):
+        elif key not in (*known_keys(), *TOP, *tables):
             raise InputError(
                 f"axes[{k}].key: {shown(axis.key)} is unknown; valid are parameters (cls-bench list --parameters), "
-                "duration, seed, rig, and entries such as squeeze[0].value"
+                "duration, seed, rig, those of tables such as aircraft.condition and flight.airspeed_kt, and "
+                "of entries such as squeeze[0].value"
             )
         elif not other_rigs and (missing := not_in_use(parameters, key)):
             raise InputError(f"axes[{k}].key: {axis.key}: {missing}")
