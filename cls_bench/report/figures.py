@@ -324,7 +324,7 @@ def _shaking(run: RecordedRun, span: Span, name: str, title: str, caption: str) 
     dashed: dict[str, Any] = {"color": COLOR["measured"], "ls": (0, (4, 3))}  # on what it mostly covers
     angle.plot(*thin(w.time, w["/column.angle"] / DEG), **dashed, label="column (measured)")
     angle.set_ylabel("angle φ [°]")
-    torque.plot(*thin(w.time, w["/column.torque"]), color=COLOR["pilot"], label="pilot on the column")
+    torque.plot(*thin(w.time, w["/column.torque"]), color=COLOR["pilot"], lw=2.2, label="pilot on the column")
     torque.plot(*thin(w.time, w["/load_cell.torque"]), **dashed, label="load cell T_meas")
     torque.set_ylabel("torque [N·m]")
     squeeze.plot(*thin(w.time, np.maximum(w["/pilot.squeeze"], 0.0)), color=COLOR["pilot"])
@@ -523,8 +523,9 @@ def _mark_changes(run: RecordedRun, axes: Sequence[Axes]) -> None:
                 color=COLOR["ink"],
             )  # fmt: skip
     if 0 < len(changes) <= MOST_LABELLED:
-        said = [f"{number} {_changed(change)}" for number, change in enumerate(changes, start=1)]
-        title = "\n".join(textwrap.wrap("     ".join(said), 105, break_long_words=False))
+        said = (f"{number} {_changed(change)}" for number, change in enumerate(changes, start=1))
+        whole = "     ".join(change.replace(" ", "\N{NO-BREAK SPACE}") for change in said)
+        title = "\n".join(textwrap.wrap(whole, 105, break_long_words=False))
         axes[0].set_title(title, fontsize=8.5, fontweight="normal", loc="left")
 
 
