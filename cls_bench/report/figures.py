@@ -344,8 +344,15 @@ HIGHEST_ORDER = 36.0
 """Orders that are drawn [cycles per motor revolution]."""
 
 
+SWEEP_DEG = 1.0
+"""Travel from which on a column that moves is swept [deg]."""
+
+
 def evenness(run: RecordedRun, spans: Sequence[Span]) -> Iterator[Picture]:
     """How evenly the column moves under the hand: its velocity over its angle."""
+    spans = [span for span in spans if np.ptp(run.window(span)["/column.angle"]) > SWEEP_DEG * DEG]
+    if not spans:  # the column shakes, or rests
+        return
     figure, axes = new_figure(len(spans), height=1.2 + 2.0 * len(spans))
     for ax, span in zip(axes, spans, strict=True):
         w = run.window(span)
@@ -457,9 +464,6 @@ def mesh_orders(box: Gearbox) -> list[tuple[int, float]]:
 FLIGHT_POINTS = 200
 """Times at which a flight is read for a figure."""
 
-MOST_LABELLED = 8
-"""Changes that a figure says in words."""
-
 
 def aft_side(run: RecordedRun) -> Picture:
     """Where surface and trim are, and what pulls at the column from behind, over the whole run."""
@@ -511,36 +515,6 @@ def aft_side(run: RecordedRun) -> Picture:
     return Picture("aft_side", "Behind the column", caption, figure)
 
 
-def _mark_changes(run: RecordedRun, axes: Sequence[Axes]) -> None:
-    """An upright line at each change of the run, with its number; above the first plot what changes."""
-    changes = run.scenario.changes
-    for number, change in enumerate(changes, start=1):
-        for ax in axes:
-            ax.axvline(change.at, ymax=0.86, color=COLOR["muted"], lw=0.8, ls=":")
-        if len(changes) <= MOST_LABELLED:
-            axes[0].annotate(
-                f" {number}", (change.at, 0.86), xycoords=("data", "axes fraction"), va="top", fontsize=9,
-                color=COLOR["ink"],
-            )  # fmt: skip
-    if 0 < len(changes) <= MOST_LABELLED:
-        said = (f"{number} {_changed(change)}" for number, change in enumerate(changes, start=1))
-        whole = "     ".join(change.replace(" ", "\N{NO-BREAK SPACE}") for change in said)
-        title = "\n".join(textwrap.wrap(whole, 105, break_long_words=False))
-        axes[0].set_title(title, fontsize=8.5, fontweight="normal", loc="left")
-
-
-def _changed(change: Change) -> str:
-    """A change in a few words."""
-    units = numbers()
-    said = [
-        f"{key.removeprefix('feel.')} " + (f"{value:.3g} {units[key]}" if key in units else str(value).lower())
-        for key, value in flat(change.parameters)
-    ]
-    said += [f"{what} {value}" for what, value in (("power", change.power), ("mode", change.mode)) if value]
-    said += [f"{change.parameter.removeprefix('feel.')} as in {change.file}"] if change.parameter else []
-    return printable(", ".join(said) + (f" over {change.over:g} s" if change.over else ""), 100)
-
-
 # --- overview --------------------------------------------------------------------------------------------------------
 
 
@@ -569,9 +543,46 @@ def overview(run: RecordedRun) -> Picture:
     for ax in (angle, torque):
         legend(ax, columns=2, place="upper right")
         room_above(ax, 0.12)
+    _mark_changes(run, [angle, torque, drive])
     figure.align_ylabels()
     caption = "The whole run: what the hand did, what the column did, what the motor did; below, when power was on and "
-    return Picture("overview", "The whole run", caption + "how tightly the hand gripped.", figure)
+    caption += "how tightly the hand gripped."
+    caption += " Upright lines are the changes of the run." if run.scenario.changes else ""
+    return Picture("overview", "The whole run", caption, figure)
+
+
+MOST_LABELLED = 8
+"""Changes that a figure says in words."""
+
+
+def _mark_changes(run: RecordedRun, axes: Sequence[Axes]) -> None:
+    """An upright line at each change of the run, with its number; above the first plot what changes."""
+    changes = run.scenario.changes
+    for number, change in enumerate(changes, start=1):
+        for ax in axes:
+            ax.axvline(change.at, ymax=0.86, color=COLOR["muted"], lw=0.8, ls=":")
+        if len(changes) <= MOST_LABELLED:
+            axes[0].annotate(
+                f" {number}", (change.at, 0.86), xycoords=("data", "axes fraction"), va="top", fontsize=9,
+                color=COLOR["ink"],
+            )  # fmt: skip
+    if 0 < len(changes) <= MOST_LABELLED:
+        said = (f"{number} {_changed(change)}" for number, change in enumerate(changes, start=1))
+        whole = "     ".join(change.replace(" ", "\N{NO-BREAK SPACE}") for change in said)
+        title = "\n".join(textwrap.wrap(whole, 105, break_long_words=False))
+        axes[0].set_title(title, fontsize=8.5, fontweight="normal", loc="left")
+
+
+def _changed(change: Change) -> str:
+    """A change in a few words."""
+    units = numbers()
+    said = [
+        f"{key.removeprefix('feel.')} " + (f"{value:.3g} {units[key]}" if key in units else str(value).lower())
+        for key, value in flat(change.parameters)
+    ]
+    said += [f"{what} {value}" for what, value in (("power", change.power), ("mode", change.mode)) if value]
+    said += [f"{change.parameter.removeprefix('feel.')} as in {change.file}"] if change.parameter else []
+    return printable(", ".join(said) + (f" over {change.over:g} s" if change.over else ""), 100)
 
 
 def _lanes(ax: Axes, run: RecordedRun) -> None:
