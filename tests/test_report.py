@@ -42,19 +42,17 @@ FIGURES = {
     "feel_detents": ["static", "overview"],
     "feel_autopilot": ["aft_side", "overview"],
     "feel_malfunctions": ["aft_side", "overview"],
-    "feel_shaker_pusher": ["evenness", "overview"],
+    "feel_shaker_pusher": ["overview"],
     "feel_trim": ["aft_side", "overview"],
     "feel_q": ["aft_side", "overview"],
     "feel_gusts": ["aft_side", "overview"],
-    **{
-        name: ["static", "squeezing", "squeezing_close", "overview"]
-        for name in shipped_scenarios() if name.startswith("aircraft_")
-    },
     "aircraft_bell412": ["static", "free_response_1", "squeezing", "squeezing_close", "overview"],
-    **dict.fromkeys(
-        ["aircraft_cyclic", "aircraft_engine_lever", "aircraft_light_aircraft_locked"], ["static", "overview"]
-    ),
-}  # fmt: skip
+    "aircraft_cyclic": ["static", "overview"],
+    "aircraft_engine_lever": ["static", "overview"],
+    "aircraft_light_aircraft_locked": ["static", "overview"],
+}
+OTHERS = ["static", "squeezing", "squeezing_close", "overview"]
+"""Of the other aircraft: the sweep by which a manual's bands are judged, and how calm it is."""
 
 
 def invoke(*arguments: object) -> Any:
@@ -69,7 +67,7 @@ def invoke(*arguments: object) -> Any:
 def test_every_shipped_scenario_has_the_thesis_figures(name: str, recorded: Runner) -> None:
     run = RecordedRun(recorded(name).mcap)
     drawn = list(figures.pictures(run))
-    assert [picture.name for picture in drawn] == FIGURES[name]
+    assert [picture.name for picture in drawn] == FIGURES.get(name, OTHERS)
     for picture in drawn:
         assert picture.title and len(picture.caption) > 40
         for ax in picture.figure.axes:

@@ -192,10 +192,14 @@ def list_(what: str | None) -> None:
         print_table(("signal", "unit", "Hz", "meaning"), rows)
     elif what == "parameters":
         from cls_bench.parameters import Parameters, leaves
+        from cls_bench.parameters.page import about_part, shown
 
+        part = ""
         for key, value, info in leaves(Parameters()):
-            shown = f"{value:g}" if isinstance(value, float) else str(value)
-            print_term(f"{key} = {shown}", info["unit"], info["meaning"])
+            if (of := key.rpartition(".")[0]) != part and of.count("."):
+                click.echo(f"\n{of}: {about_part(of).replace('``', '')}")
+            part = of
+            print_term(f"{key} = {shown(value)}", info["unit"], info["meaning"])
     else:
         from cls_bench.resources import shipped_scenarios
         from cls_bench.scenario import load_scenario

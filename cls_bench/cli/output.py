@@ -97,7 +97,7 @@ def print_result(result: "Result") -> None:
         limits = " and ".join(f"{sign} {number(x)}" for sign, x in (("≥", low), ("≤", high)) if x is not None)
         verdict = Text("") if not r.judged else Text("passed", "green") if r.passed else Text("FAILED", "bold red")
         table.add_row(Text(r.check.name), number(r.value), r.unit, limits, verdict)
-    console.print(table)
+    console.print(table if result.checks else Text(result.scenario.title), soft_wrap=not result.checks)
     for r in result.checks:
         if r.note:
             what = "not measured: " if math.isnan(r.value) else ""

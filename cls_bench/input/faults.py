@@ -42,7 +42,8 @@ def nearest(name: str, valid: Sequence[str] | Mapping[str, Any]) -> str:
     if close:
         return f"did you mean {' or '.join(close)}?"
     if len(names) > MOST_NAMES:
-        names = list(dict.fromkeys(f"{head}.…" for head, _, _ in (known.partition(".") for known in names)))
+        parts = [known.partition(".") for known in names]
+        names = list(dict.fromkeys(f"{head}.…" if dot else head for head, dot, _ in parts))
     return f"valid: {listed(names)}"
 
 

@@ -11,6 +11,7 @@ from cls_bench.analysis.free_response import expected_response
 from cls_bench.analysis.quasi_static import static_curve
 from cls_bench.parameters import DEG, Parameters
 from cls_bench.report.style import COLOR, legend, new_pair, room_above, torque_axes
+from cls_bench.rigs import figures
 
 Array = NDArray[np.float64]
 
@@ -19,6 +20,9 @@ POINTS = 400
 
 BEYOND = 0.5 * DEG
 """How far the sweep goes beyond the column's travel limit [rad]."""
+
+MOST_BEYOND = 1.1
+"""Share of the load cell's range that is drawn, where a sweep goes beyond."""
 
 _NOTICED = 0.005
 """Share of the way that is no overshoot yet."""
@@ -71,7 +75,7 @@ def feel_figure(p: Parameters, found: Felt, title: str) -> Figure:
     static.plot(found.angle[first:] / DEG, found.torque[first:], color=COLOR["model"], label="slow sweep, both ways")
     static.set_title(title, loc="left", fontsize=10.5, fontweight="bold")
     torque_axes(static, p.column.grip_height, "torque of the hand [N·m]")
-    marks = [("aft limit", p.feel.aft_limit), ("column's limit", p.feel.forward_limit)]
+    marks = [("surface's limit", p.feel.aft_limit), ("column's limit", p.feel.forward_limit)]
     low, high = (float(x) / DEG for x in (found.angle.min(), found.angle.max()))
     for name, stop in marks:
         for at in (stop.angle / DEG, -stop.back / DEG):
@@ -82,13 +86,20 @@ def feel_figure(p: Parameters, found: Felt, title: str) -> Figure:
                     va="bottom" if at > 0.0 else "top", ha="right" if at > 0.0 else "left", fontsize=8.5,
                     color=COLOR["muted"],
                 )  # fmt: skip
+    measured = figures(p).measurable_force * p.column.grip_height
+    if float(np.abs(found.torque).max()) > MOST_BEYOND * measured:  # a stiff stop makes all else small
+        static.set_ylim(-MOST_BEYOND * measured, MOST_BEYOND * measured)
+        room_above(static, 0.15)
+        for way in (1.0, -1.0):
+            static.axhline(way * measured, color=COLOR["muted"], lw=0.8, ls="--")
+        static.plot([], [], color=COLOR["muted"], lw=0.8, ls="--", label="end of the load cell's range")
     legend(static, place="upper center")
     free.plot(found.time, found.released / DEG, color=COLOR["model"], label="let go at rest")
     free.axhline(p.feel.neutral / DEG, color=COLOR["muted"], lw=0.8, ls=":")
     free.set_xlabel("time since release [s]")
     free.set_ylabel("column angle φ [°]")
     legend(free, place="upper right")
-    room_above(free, 0.05)
+    room_above(free, 0.15)
     figure.align_ylabels()
     return figure
 

@@ -1,6 +1,7 @@
 """The figures of a run: which ones follows from what the scenario measures, so that they show what is judged."""
 
 import math
+import textwrap
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -13,10 +14,14 @@ from numpy.typing import NDArray
 
 from cls_bench.analysis import free_response, metrics
 from cls_bench.analysis.quasi_static import static_curve
+from cls_bench.atmosphere import KNOT
 from cls_bench.errors import InputError
-from cls_bench.parameters import DEG, Gearbox
+from cls_bench.parameters import DEG, Feel, Gearbox
+from cls_bench.parameters.moving import numbers
+from cls_bench.parameters.override import flat
 from cls_bench.report.recorded_run import RecordedRun, Span
 from cls_bench.report.style import COLOR, legend, new_figure, new_pair, room_above, thin, thin_path, torque_axes
+from cls_bench.scenario import Change
 from cls_bench.text import printable
 
 Array = NDArray[np.float64]
@@ -125,8 +130,8 @@ def static(run: RecordedRun, spans: Sequence[Span]) -> Iterator[Picture]:
         w = run.window(span)
         figure, (ax, error) = new_pair(height=6.2, shares=(3, 1.2))
         angle, model, torque = w["/column.angle"] / DEG, w["/feel.angle"] / DEG, w["/load_cell.torque"]
-        ax.plot(*thin_path(angle, torque), color=COLOR["measured"], label="column (measured)")
-        ax.plot(*thin_path(model, torque), color=COLOR["model"], ls=(0, (4, 3)), label=run.set_label)
+        ax.plot(*thin_path(angle, torque), color=COLOR["measured"], lw=2.4, label="column (measured)")
+        ax.plot(*thin_path(model, torque), color=COLOR["model"], lw=1.0, ls=(0, (4, 3)), label=run.set_label)
         if run.has_feel_model:
             path = _to_and_fro(model)
             asked = static_curve(w.parameters.feel, path * DEG)
@@ -134,24 +139,37 @@ def static(run: RecordedRun, spans: Sequence[Span]) -> Iterator[Picture]:
         _torque_axes(ax, run)
         ax.set_xlabel("")
         legend(ax, place="upper left")
+        if np.any((angle < angle.min() + 0.5 * np.ptp(angle)) & (torque > torque.max() - 0.25 * np.ptp(torque))):
+            room_above(ax, 0.25)  # a curve where the legend is
         error.plot(*thin_path(angle, angle - model), color=COLOR["error"], lw=1.0)
         error.set_ylabel("column − set [°]")
         error.set_xlabel("column angle φ [°]")
         error.sharex(ax)
         figure.align_ylabels()
-        dotted = "; the dotted line follows from the parameters alone, without the damping a slow motion still feels."
         yield Picture(
             f"static_{k}" if len(spans) > 1 else "static",
             "Static sweep: torque over displacement",
-            "The hand moves the column slowly over its travel. The loop's width is twice the friction, its slopes are "
-            "the springs, its ends the travel limits"
-            + (dotted if run.has_feel_model else ", as the user's own controller renders them."),
+            _of_a_sweep(w.parameters.feel if run.has_feel_model else None, model),
             figure,
         )
 
 
+def _of_a_sweep(feel: Feel | None, model: Array) -> str:
+    """What to say of a static sweep over the angles ``model`` [deg]; None is a controller of the user's own."""
+    caption = "The hand moves the column slowly. The loop's width is twice the friction, its slopes are "
+    if feel is None:
+        return caption + "the springs, as the user's own controller renders them."
+    limit = feel.aft_limit
+    reached = limit.stiffness > 0.0 and (np.max(model) > limit.angle / DEG or np.min(model) < -limit.back / DEG)
+    caption += "the springs, its ends the travel limits; " if reached else "the springs; "
+    caption += "the dotted line follows from the parameters alone, without the damping a slow motion still feels"
+    if feel.detents.place:
+        caption += ", and without the arm's give, by which the column snaps from where a detent lets go"
+    return caption + "."
+
+
 TURN_DEG = 0.2
-"""A reversal by less than this is none of the sweep's [deg]."""
+"""A reversal by less than this, or by less than a tenth of the whole way, is none of the sweep's [deg]."""
 
 LEG = 200
 """Points from one reversal of a sweep to the next."""
@@ -160,10 +178,11 @@ LEG = 200
 def _to_and_fro(angle: Array) -> Array:
     """The path of a sweep [deg]: straight from where it begins to each of its reversals, and to its end."""
     turns, way, furthest = [float(angle[0])], 0.0, float(angle[0])
+    turn = min(TURN_DEG, 0.1 * float(np.ptp(angle)))
     for x in thin_path(angle, angle)[0]:
-        if way == 0.0 and abs(x - furthest) > TURN_DEG:
+        if way == 0.0 and abs(x - furthest) > turn:
             way = math.copysign(1.0, x - furthest)
-        elif way * (furthest - x) > TURN_DEG:
+        elif way * (furthest - x) > turn:
             turns.append(furthest)
             way = -way
         elif way * (x - furthest) <= 0.0:
@@ -277,23 +296,36 @@ def squeezing(run: RecordedRun, spans: Sequence[Span]) -> Iterator[Picture]:
     """Thesis figures 4.6 and 4.7: angle and torque while the grip tightens, and a close-up of what follows."""
     whole = Span(max(spans[0].start - 0.5, 0.0), min(max(span.end for span in spans), run.duration))
     end = whole.end
-    yield _shaking(run, whole, "squeezing", "Angle and torque while the grip tightens", (
-        "The hand moves the column gently and then squeezes it: its mass, now firmly on the column, takes the outer "
-        "loop's stability margin."
-    ))  # fmt: skip
+    grip = run.window(whole)["/pilot.squeeze"]
+    if np.max(grip) > np.median(grip[: max(len(grip) // 4, 1)]) + TIGHTENS:
+        title, caption = "Angle and torque while the grip tightens", (
+            "The hand moves the column gently and then squeezes it: its mass, now firmly on the column, takes the "
+            "outer loop's stability margin."
+        )  # fmt: skip
+    else:
+        title, caption = "Angle and torque in a steady grip", (
+            "The hand moves the column in a grip that does not tighten. Where the outer loop is stable, the column "
+            "follows without vibration."
+        )  # fmt: skip
+    yield _shaking(run, whole, "squeezing", title, caption)
     yield _shaking(run, Span(end - CLOSE_UP, end), "squeezing_close", "Close-up of the last quarter of a second", (
         "The same signals magnified: column against set angle, load cell against pilot."
     ))  # fmt: skip
+
+
+TIGHTENS = 0.1
+"""Squeeze by which a grip tightens that is more than unsteady [1]."""
 
 
 def _shaking(run: RecordedRun, span: Span, name: str, title: str, caption: str) -> Picture:
     w = run.window(span)
     figure, (angle, torque, squeeze) = new_figure(3, height=5.8, shares=(3, 3, 1))
     angle.plot(*thin(w.time, w["/feel.angle"] / DEG), color=COLOR["model"], label=run.set_label)
-    angle.plot(*thin(w.time, w["/column.angle"] / DEG), color=COLOR["measured"], label="column (measured)")
+    dashed: dict[str, Any] = {"color": COLOR["measured"], "ls": (0, (4, 3))}  # on what it mostly covers
+    angle.plot(*thin(w.time, w["/column.angle"] / DEG), **dashed, label="column (measured)")
     angle.set_ylabel("angle φ [°]")
-    torque.plot(*thin(w.time, w["/column.torque"]), color=COLOR["pilot"], label="pilot on the column")
-    torque.plot(*thin(w.time, w["/load_cell.torque"]), color=COLOR["measured"], label="load cell T_meas")
+    torque.plot(*thin(w.time, w["/column.torque"]), color=COLOR["pilot"], lw=2.2, label="pilot on the column")
+    torque.plot(*thin(w.time, w["/load_cell.torque"]), **dashed, label="load cell T_meas")
     torque.set_ylabel("torque [N·m]")
     squeeze.plot(*thin(w.time, np.maximum(w["/pilot.squeeze"], 0.0)), color=COLOR["pilot"])
     squeeze.set_ylim(-0.1, 1.1)
@@ -312,8 +344,15 @@ HIGHEST_ORDER = 36.0
 """Orders that are drawn [cycles per motor revolution]."""
 
 
+SWEEP_DEG = 1.0
+"""Travel from which on a column that moves is swept [deg]."""
+
+
 def evenness(run: RecordedRun, spans: Sequence[Span]) -> Iterator[Picture]:
     """How evenly the column moves under the hand: its velocity over its angle."""
+    spans = [span for span in spans if np.ptp(run.window(span)["/column.angle"]) > SWEEP_DEG * DEG]
+    if not spans:  # the column shakes, or rests
+        return
     figure, axes = new_figure(len(spans), height=1.2 + 2.0 * len(spans))
     for ax, span in zip(axes, spans, strict=True):
         w = run.window(span)
@@ -422,40 +461,57 @@ def mesh_orders(box: Gearbox) -> list[tuple[int, float]]:
 # --- aft side --------------------------------------------------------------------------------------------------------
 
 
+FLIGHT_POINTS = 200
+"""Times at which a flight is read for a figure."""
+
+
 def aft_side(run: RecordedRun) -> Picture:
     """Where surface and trim are, and what pulls at the column from behind, over the whole run."""
     w = run.whole
-    figure, (angle, torque) = new_figure(2, height=5.6, shares=(1, 1.1))
-    for signal, color, label, style in (
-        ("/surface.deflection", "third", "surface δ", "-"), ("/feel.angle", "model", "column (model)", "--"),
-        ("/surface.trim", "expected", "trim", ":"),
-    ):  # fmt: skip
-        x, y = thin(w.time, w[signal] / DEG)
-        angle.plot(x, y, style, color=COLOR[color], label=label)
+    times = np.linspace(w.time[0], w.time[-1], FLIGHT_POINTS)
+    flown = [run.scenario.parameters_at(at).feel.flight for at in times.tolist()]
+    airspeed, attack = np.array([f.airspeed for f in flown]), np.array([f.angle_of_attack for f in flown])
+    faster = np.ptp(airspeed) > 0.0
+    figure, (angle, torque, *below) = new_figure(
+        3 if faster else 2, height=6.6 if faster else 5.6, shares=(1, 1.1, 0.45) if faster else (1, 1.1)
+    )
+    column, surface, trim = w["/feel.angle"] / DEG, w["/surface.deflection"] / DEG, w["/surface.trim"] / DEG
+    together = bool(np.allclose(column, surface, rtol=0.0, atol=1e-6))
+    if not together:
+        angle.plot(*thin(w.time, surface), color=COLOR["third"], label="surface δ")
+    label = "column and surface (model)" if together else "column (model)"
+    angle.plot(*thin(w.time, column), "--", color=COLOR["model"], label=label)
+    if np.ptp(trim) > 0.0:
+        angle.plot(*thin(w.time, trim), ":", color=COLOR["expected"], label="trim")
+    if np.ptp(attack) > 0.0:
+        angle.plot(times, attack / DEG, "-.", color=COLOR["error"], lw=1.0, label="angle of attack α")
     angle.set_ylabel("angle [°]")
     drawn = []
     for signal, color, label, style in (
-        ("/column.torque", "pilot", "pilot", "-"), ("/surface.cable_torque", "measured", "linkage", "-"),
-        ("/surface.feel_torque", "model", "feel unit", "--"), ("/surface.autopilot_torque", "error", "autopilot", "-"),
-        ("/surface.hinge_moment", "third", "hinge moment at the surface", "--"),
+        ("/column.torque", "pilot", "pilot", "-"), ("/surface.cable_torque", "measured", "linkage", (0, (4, 3))),
+        ("/surface.feel_torque", "model", "feel unit", "--"), ("/surface.autopilot_torque", "error", "autopilot", "-."),
+        ("/surface.hinge_moment", "third", "hinge moment at the surface", (0, (1, 1))),
     ):  # fmt: skip
         values = w[signal]
         if np.any(values != 0.0):  # an element that is not there has no curve
-            x, y = thin(w.time, values)
-            torque.plot(x, y, style, color=COLOR[color], label=label)
+            width = 2.2 if color == "pilot" else 1.4  # what lies on it leaves its edges free
+            torque.plot(*thin(w.time, values), ls=style, color=COLOR[color], lw=width, label=label)
             drawn.append(label)
     torque.set_ylabel("torque [N·m]")
-    torque.set_xlabel("time [s]")
-    for change in run.scenario.changes:
-        for ax in (angle, torque):
-            ax.axvline(change.at, color=COLOR["muted"], lw=0.8, ls=":")
-    legend(angle, columns=3, place="upper right")
-    legend(torque, columns=3, place="upper right")
-    room_above(angle, 0.15)
-    room_above(torque, 0.30)
+    for ax in below:
+        ax.plot(times, airspeed / KNOT, color=COLOR["third"])
+        ax.set_ylabel("true airspeed\n[kt]")
+    (below or [torque])[-1].set_xlabel("time [s]")
+    for ax, room in ((angle, 0.15), (torque, 0.30)):
+        legend(ax, columns=3, place="upper right")
+        room_above(ax, room)
+    _mark_changes(run, [angle, torque, *below])
     figure.align_ylabels()
-    changes = "; dotted upright lines are the changes of the run" if run.scenario.changes else ""
-    caption = f"Angles of column, surface and trim, and the torques of {', '.join(drawn)}{changes}."
+    caption = (
+        f"Angles, and the torques of {', '.join(drawn)}. Positive is forward; of feel unit and linkage it is what a "
+        "hand has to push forward with."
+    )
+    caption += " Upright lines are the changes of the run." if run.scenario.changes else ""
     return Picture("aft_side", "Behind the column", caption, figure)
 
 
@@ -487,9 +543,46 @@ def overview(run: RecordedRun) -> Picture:
     for ax in (angle, torque):
         legend(ax, columns=2, place="upper right")
         room_above(ax, 0.12)
+    _mark_changes(run, [angle, torque, drive])
     figure.align_ylabels()
     caption = "The whole run: what the hand did, what the column did, what the motor did; below, when power was on and "
-    return Picture("overview", "The whole run", caption + "how tightly the hand gripped.", figure)
+    caption += "how tightly the hand gripped."
+    caption += " Upright lines are the changes of the run." if run.scenario.changes else ""
+    return Picture("overview", "The whole run", caption, figure)
+
+
+MOST_LABELLED = 8
+"""Changes that a figure says in words."""
+
+
+def _mark_changes(run: RecordedRun, axes: Sequence[Axes]) -> None:
+    """An upright line at each change of the run, with its number; above the first plot what changes."""
+    changes = run.scenario.changes
+    for number, change in enumerate(changes, start=1):
+        for ax in axes:
+            ax.axvline(change.at, ymax=0.86, color=COLOR["muted"], lw=0.8, ls=":")
+        if len(changes) <= MOST_LABELLED:
+            axes[0].annotate(
+                f" {number}", (change.at, 0.86), xycoords=("data", "axes fraction"), va="top", fontsize=9,
+                color=COLOR["ink"],
+            )  # fmt: skip
+    if 0 < len(changes) <= MOST_LABELLED:
+        said = (f"{number} {_changed(change)}" for number, change in enumerate(changes, start=1))
+        whole = "     ".join(change.replace(" ", "\N{NO-BREAK SPACE}") for change in said)
+        title = "\n".join(textwrap.wrap(whole, 105, break_long_words=False))
+        axes[0].set_title(title, fontsize=8.5, fontweight="normal", loc="left")
+
+
+def _changed(change: Change) -> str:
+    """A change in a few words."""
+    units = numbers()
+    said = [
+        f"{key.removeprefix('feel.')} " + (f"{value:.3g} {units[key]}" if key in units else str(value).lower())
+        for key, value in flat(change.parameters)
+    ]
+    said += [f"{what} {value}" for what, value in (("power", change.power), ("mode", change.mode)) if value]
+    said += [f"{change.parameter.removeprefix('feel.')} as in {change.file}"] if change.parameter else []
+    return printable(", ".join(said) + (f" over {change.over:g} s" if change.over else ""), 100)
 
 
 def _lanes(ax: Axes, run: RecordedRun) -> None:
