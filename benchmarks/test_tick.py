@@ -1,6 +1,6 @@
 """(a) the tick over that of the bench of one rig and over MuJoCo's step, (b) a plain-Python loop over ours, (d) a
 user's outer loop over the built-in, (h) short blocks over long ones, (i) three axes over one, (k)
-400 changes over none."""
+400 changes over none, (l) two bodies over one."""
 
 import time
 
@@ -69,6 +69,19 @@ def test_axes(comparison: Comparison) -> None:
     comparison.record(
         "i", "three axes in one bench ÷ one", ratio(times, "three", "one"), most=2.6,
         detail=f"{1e6 * min(times['three']):.2f} µs a tick",
+    )  # fmt: skip
+
+
+TWO_BODIES = 'feel.bodies="two"', "feel.linkage.backlash=0.01", "feel.linkage.override=40.0"
+
+
+def test_two_bodies(comparison: Comparison) -> None:
+    with processes((HERE, ("tick", *TWO_BODIES), {}), (HERE, ("tick",), {})) as (two, one):
+        times = comparison.times({"two": two.measure, "one": one.measure}, 40)
+    cost = 8e6 * (min(times["two"]) - min(times["one"]))  # in a PLC cycle
+    comparison.record(
+        "l", "tick with a feel model of two bodies ÷ one", ratio(times, "two", "one"), most=1.05,
+        detail=f"{cost:.2f} µs more a PLC cycle",
     )  # fmt: skip
 
 

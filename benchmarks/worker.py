@@ -12,7 +12,7 @@ import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -36,9 +36,9 @@ BLOCKS = 10
 """Blocks of 0.2 s in a measurement of the tick."""
 
 
-def sway(duration: float) -> Any:
+def sway(duration: float, overrides: Sequence[str] = ()) -> Any:
     """The column follows a hand that moves by ±8° at 1 Hz: all friction elements slide and stick, all loops work."""
-    return parse_scenario(SWAY.format(duration=float(duration)), name="sway")
+    return parse_scenario(SWAY.format(duration=float(duration)), name="sway", set=overrides)
 
 
 def blocks(bench: Any, scenario: Any) -> Iterator[Any]:
@@ -50,9 +50,9 @@ def blocks(bench: Any, scenario: Any) -> Iterator[Any]:
     return scripted.run(bench, scenario)
 
 
-def tick() -> Callable[[], float]:
+def tick(*overrides: str) -> Callable[[], float]:
     """Seconds a tick of the closed loop, trace and what a block costs included."""
-    scenario = sway(3600)
+    scenario = sway(3600, overrides)
     bench = Bench(scenario.parameters_at_start())
     bench.compile()
     run = blocks(bench, scenario)

@@ -29,7 +29,8 @@ TICK = 5e-5
 IDEAL = ["encoder.noise=0.0", "load_cell.noise=0.0", "gearbox.stage1.transmission_error=0.0",
          "gearbox.stage2.transmission_error=0.0", "load_cell.filter_bandwidth=100000.0",
          "potentiometer.noise=0.0", *(f"feel.{key}" for key in (
-             'bodies="two"', "neutral=0.02", "stiffness=30.0", "aft.inertia=0.05", "aft.damping=0.2", "linkage.stiffness=500.0", "linkage.damping=3.0",
+             'bodies="two"', "neutral=0.02", "stiffness=30.0", "aft.inertia=0.05", "aft.damping=0.2",
+             "linkage.stiffness=500.0", "linkage.damping=3.0",
              "aft_limit.angle=0.5", "forward_limit.angle=0.5",
              "surface.area=0.8", "surface.chord=0.4",
              "surface.hinge_zero=0.01", "surface.hinge_deflection=-0.05", "surface.gearing=1.4",
