@@ -52,7 +52,7 @@ def long(tmp_path: Path) -> Path:
 def test_a_signal_ends_a_run_and_says_what_is_kept(long, tmp_path, number, own):
     more = ["--controller", f"{tmp_path}/loop.py:Loop"] if own else []
     process = start("run", long, "--out", tmp_path / "out", "--no-rerun", *more)
-    wait_for(tmp_path / "out", 500_000)
+    wait_for(tmp_path / "out", 900_000)
     process.send_signal(number)
     output, errors = process.communicate(timeout=60)
     assert (process.returncode, output) == (130, "")
