@@ -236,6 +236,8 @@ def topics(clock: Clock = CLOCK, stages: int = 2, axis: str = "") -> tuple[Topic
             ("torque", "N·m", "sum of the torques that act on the model", "controller.state.feel.torque"),
             ("angle", "rad", "column angle of the model", "controller.state.feel.angle"),
             ("velocity", "rad/s", "column angular velocity of the model", "controller.state.feel.velocity"),
+            ("own_torque", "N·m", "torques of its own, but for springs: shaker, pusher, gusts, disturbance, bob-weight",
+             "controller.state.feel.own_torque"),
         ),
         topic(
             "/surface", clock.plc_ticks, "The aft side of the feel model: control surface, linkage, feel unit.",

@@ -42,7 +42,7 @@ FIGURES = {
     "feel_detents": ["static", "overview"],
     "feel_autopilot": ["aft_side", "overview"],
     "feel_malfunctions": ["aft_side", "overview"],
-    "feel_shaker_pusher": ["overview"],
+    "feel_shaker_pusher": ["aft_side", "overview"],
     "feel_trim": ["aft_side", "overview"],
     "feel_q": ["aft_side", "overview"],
     "feel_gusts": ["aft_side", "overview"],

@@ -30,7 +30,7 @@ IDEAL = ["encoder.noise=0.0", "load_cell.noise=0.0", "gearbox.stage1.transmissio
          "gearbox.stage2.transmission_error=0.0", "load_cell.filter_bandwidth=100000.0",
          "potentiometer.noise=0.0", *(f"feel.{key}" for key in (
              'bodies="two"', "neutral=0.02", "stiffness=30.0", "aft.inertia=0.05", "aft.damping=0.2",
-             "linkage.stiffness=500.0", "linkage.damping=3.0",
+             "down_spring.torque=0.15", "linkage.stiffness=500.0", "linkage.damping=3.0",
              "aft_limit.angle=0.5", "forward_limit.angle=0.5",
              "surface.area=0.8", "surface.chord=0.4",
              "surface.hinge_zero=0.01", "surface.hinge_deflection=-0.05", "surface.gearing=1.4",
@@ -208,6 +208,7 @@ def expected(r: Recorded, signals: dict[str, Any]) -> dict[str, tuple[Any, Any, 
         "/feel.torque": (signals["/feel.torque"], became["feel_torque"], 0.0),
         "/feel.angle": (signals["/feel.angle"], became["feel_angle"], 0.0),
         "/feel.velocity": (signals["/feel.velocity"], became["feel_velocity"], 0.0),
+        "/feel.own_torque": (signals["/feel.own_torque"], np.full(count, 0.15), 1e-12),
         "/surface.deflection": (signals["/surface.deflection"], 1.4 * aft, 1e-12),
         "/surface.velocity": (signals["/surface.velocity"], 1.4 * became["feel_aft_velocity"], 1e-12),
         "/surface.hinge_moment": (

@@ -98,7 +98,7 @@ PIECE = np.dtype(
 @compiled
 def push(state: Any, seat: int, torque: float) -> None:
     """A torque [N·m] on a body that holds for the cycle; ``seat`` 0 the column, 1 the aft body."""
-    state.torque += torque
+    state.own_torque += torque
     if seat == 1:
         state.aft_torque += torque
 

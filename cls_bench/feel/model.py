@@ -180,6 +180,7 @@ STATE = np.dtype(
         ("angle", np.float64), ("velocity", np.float64), ("acceleration", np.float64),  # of the body at the column
         ("aft_angle", np.float64), ("aft_velocity", np.float64), ("aft_acceleration", np.float64),
         ("torque", np.float64),  # sum of the torques that act on the model [N·m]
+        ("own_torque", np.float64),  # what of it is not the pilot's: shaker, pusher, gusts, bob-weight …
         ("aft_torque", np.float64),  # those of them that act on the aft body
         ("seat_angle", np.float64), ("seat_velocity", np.float64),  # of the body on which the feel unit acts
         ("surface", [(name, np.float64) for name in SURFACE]),

@@ -20,7 +20,7 @@ import math
 from typing import Any
 
 from cls_bench.compiled import compiled
-from cls_bench.feel.element import MOMENT, NUDGE, TERMS, condition, push
+from cls_bench.feel.element import MOMENT, NUDGE, TERMS, condition
 from cls_bench.feel.model import act, each_cycle, forget, show
 
 PIECES = 1 << 20
@@ -373,9 +373,9 @@ def step(feel: Any, state: Any, piece: Any, torque: float, time: float, cycle: f
         state.seat_angle, state.seat_velocity = state.aft_angle, state.aft_velocity
     else:
         state.seat_angle, state.seat_velocity = state.angle, state.velocity
-    state.torque, state.aft_torque = 0.0, 0.0
-    push(state, 0, torque)
+    state.own_torque, state.aft_torque = 0.0, 0.0
     each_cycle(feel, state, time, cycle)
+    state.torque = torque + state.own_torque
     if last == 1:
         piece.torque[0], piece.torque[1] = state.torque - state.aft_torque, state.aft_torque
     else:
@@ -426,7 +426,7 @@ def follow(feel: Any, state: Any, angle: float, velocity: float, torque: float) 
     state.angle, state.velocity, state.acceleration = angle, velocity, 0.0
     state.aft_angle, state.aft_velocity, state.aft_acceleration = angle, velocity, 0.0
     state.seat_angle, state.seat_velocity = angle, velocity
-    state.torque, state.aft_torque = torque, 0.0
+    state.torque, state.own_torque, state.aft_torque = torque, 0.0, 0.0
     state.surface.cable_torque, state.surface.feel_torque = 0.0, 0.0
     forget(feel, state)
     show(feel, state)

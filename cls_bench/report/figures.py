@@ -67,7 +67,7 @@ def _of_axis(run: RecordedRun, left_out: list[str]) -> Iterator[Picture]:
         spans = run.spans(*names, signal=signal)
         if spans:
             yield from _drawn(draw, run, spans, left_out)
-    if any((check.signal or "").rpartition(".")[0].endswith("/surface") for check in run.scenario.checks):
+    if any("/surface." in (check.signal or "") or "/feel.own" in (check.signal or "") for check in run.scenario.checks):
         yield from _drawn(lambda run, spans: [aft_side(run)], run, [], left_out)
     yield from _drawn(lambda run, spans: [overview(run)], run, [], left_out)
 
@@ -491,6 +491,7 @@ def aft_side(run: RecordedRun) -> Picture:
         ("/column.torque", "pilot", "pilot", "-"), ("/surface.cable_torque", "measured", "linkage", (0, (4, 3))),
         ("/surface.feel_torque", "model", "feel unit", "--"), ("/surface.autopilot_torque", "error", "autopilot", "-."),
         ("/surface.hinge_moment", "third", "hinge moment at the surface", (0, (1, 1))),
+        ("/feel.own_torque", "expected", "of the model's own: shaker, pusher, gusts …", "-"),
     ):  # fmt: skip
         values = w[signal]
         if np.any(values != 0.0):  # an element that is not there has no curve
