@@ -805,9 +805,9 @@ def test_gusts_have_their_spectrum_and_their_rms(spectrum, band):
     tau, torque, model = 0.01, [], Model(feel_of(values))
     feel, state, gust = model.feel, model.state, model.state.gust
     for white in np.random.default_rng(5).standard_normal(150_000):
-        state["torque"], gust["white"] = 0.0, white
+        state["own_torque"], gust["white"] = 0.0, white
         Gust.each_cycle(feel, state, 0.0, CYCLE)
-        torque.append(state["torque"])
+        torque.append(state["own_torque"])
     assert np.std(torque) == pytest.approx(3.0, rel=0.02)  # of 6000 times τ: ±0.8 %
     frequency, found = welch(np.array(torque), fs=1.0 / CYCLE, nperseg=2048)
     here = (frequency > 2.0) & (frequency < 10.0 / (2.0 * math.pi * tau))
