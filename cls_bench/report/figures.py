@@ -491,7 +491,7 @@ def aft_side(run: RecordedRun) -> Picture:
         ("/column.torque", "pilot", "pilot", "-"), ("/surface.cable_torque", "measured", "linkage", (0, (4, 3))),
         ("/surface.feel_torque", "model", "feel unit", "--"), ("/surface.autopilot_torque", "error", "autopilot", "-."),
         ("/surface.hinge_moment", "third", "hinge moment at the surface", (0, (1, 1))),
-        ("/feel.own_torque", "expected", "of the model's own: shaker, pusher, gusts …", "-"),
+        ("/feel.own_torque", "expected", "the model's own", "-"),
     ):  # fmt: skip
         values = w[signal]
         if np.any(values != 0.0):  # an element that is not there has no curve
@@ -512,6 +512,8 @@ def aft_side(run: RecordedRun) -> Picture:
         f"Angles, and the torques of {', '.join(drawn)}. Positive is forward; of feel unit and linkage it is what a "
         "hand has to push forward with."
     )
+    if "the model's own" in drawn:
+        caption += " The model's own are those of shaker, pusher, gusts, disturbances and weights."
     caption += " Upright lines are the changes of the run." if run.scenario.changes else ""
     return Picture("aft_side", "Behind the column", caption, figure)
 
