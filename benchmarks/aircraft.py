@@ -12,6 +12,7 @@ from cls_bench.aircraft.page import between
 from cls_bench.experiment import run
 from cls_bench.resources import shipped_scenarios
 from cls_bench.scenario import load_scenario
+from cls_bench.text import between_marks
 
 STARTS, ENDS = "<!-- measured: begin -->\n", "<!-- measured: end -->\n"
 
@@ -35,5 +36,5 @@ def table() -> str:
 
 if __name__ == "__main__":
     target = Path(sys.argv[1])
-    before, rest = target.read_text(encoding="utf-8").split(STARTS)
-    target.write_text(before + STARTS + "\n" + table() + "\n" + ENDS + rest.split(ENDS)[1], encoding="utf-8")
+    page = target.read_text(encoding="utf-8")
+    target.write_text(between_marks(page, STARTS, f"\n{table()}\n", ENDS), encoding="utf-8")

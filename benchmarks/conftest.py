@@ -9,6 +9,8 @@ from typing import Any, NamedTuple
 
 import pytest
 
+from cls_bench.text import between_marks
+
 PAGE = Path(__file__).parents[1] / "docs" / "performance.md"
 TABLE_STARTS, TABLE_ENDS = "<!-- ratios: begin -->\n", "<!-- ratios: end -->\n"
 
@@ -127,8 +129,8 @@ def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> Non
         cells = [cell.ljust(width) for cell, width in zip(row, widths, strict=False)]
         terminalreporter.write_line("  ".join((*cells, row[5])).rstrip())
     if config.getoption("--write-page"):
-        before, rest = PAGE.read_text(encoding="utf-8").split(TABLE_STARTS)
         lines = ["| " + " | ".join(row) + " |" for row in rows]
         lines.insert(1, "|---" * 6 + "|")
         table = "\n" + "\n".join(lines) + "\n\n"
-        PAGE.write_text(before + TABLE_STARTS + table + TABLE_ENDS + rest.split(TABLE_ENDS)[1], encoding="utf-8")
+        page = PAGE.read_text(encoding="utf-8")
+        PAGE.write_text(between_marks(page, TABLE_STARTS, table, TABLE_ENDS), encoding="utf-8")

@@ -24,6 +24,12 @@ def escaped(text: str, longest: int = 60) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape", "surrogatepass").decode() for c in text)
 
 
+def between_marks(page: str, starts: str, content: str, ends: str) -> str:
+    """``page`` with ``content`` in place of what stands between its two marks, which each stand there once."""
+    before, rest = page.split(starts)
+    return before + starts + content + ends + rest.split(ends)[1]
+
+
 def utf8(text: str) -> str:
     """``text`` with escapes for what UTF-8 cannot hold: a file's name can be any bytes."""
     return text.encode(errors="backslashreplace").decode()

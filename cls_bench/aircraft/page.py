@@ -8,6 +8,7 @@ from cls_bench.aircraft.reach import reach
 from cls_bench.aircraft.setting import Limits
 from cls_bench.resources import shipped_aircraft
 from cls_bench.rigs import load_rig
+from cls_bench.text import between_marks
 
 STARTS, ENDS = "<!-- aircraft: begin -->\n", "<!-- aircraft: end -->\n"
 """What encloses the tables in docs/aircraft.md."""
@@ -56,8 +57,7 @@ def _line(cells: tuple[str, ...]) -> str:
 
 def with_tables(page: str) -> str:
     """``page`` with the text between its two marks replaced by :func:`tables`."""
-    before, rest = page.split(STARTS)
-    return before + STARTS + "\n" + tables() + "\n" + ENDS + rest.split(ENDS)[1]
+    return between_marks(page, STARTS, f"\n{tables()}\n", ENDS)
 
 
 if __name__ == "__main__":

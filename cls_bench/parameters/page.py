@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from cls_bench.parameters import Parameters, leaves
+from cls_bench.text import between_marks
 
 
 def table() -> str:
@@ -45,8 +46,7 @@ TABLE_STARTS, TABLE_ENDS = "<!-- parameters: begin -->\n", "<!-- parameters: end
 
 def with_table(page: str) -> str:
     """``page`` with the text between its two marks replaced by :func:`table`."""
-    before, rest = page.split(TABLE_STARTS)
-    return before + TABLE_STARTS + "\n" + table() + "\n" + TABLE_ENDS + rest.split(TABLE_ENDS)[1]
+    return between_marks(page, TABLE_STARTS, f"\n{table()}\n", TABLE_ENDS)
 
 
 if __name__ == "__main__":
