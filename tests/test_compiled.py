@@ -196,7 +196,7 @@ def test_what_is_not_compiled_changes_no_key(copied, file, old, new):
     ("control/servo.py", "ratio * ratio", "ratio * ratio * ratio"),
     ("control/latch.py", "DEPTH = 17", "DEPTH = 18"),
     ("feel/solver.py", "_REACH = 0.4", "_REACH = 0.3"),
-    ("feel/elements/trim.py", "step = trim.rate", "step = 2.0 * trim.rate"),
+    ("feel/elements/trim.py", "trim.rate * cycle", "2.0 * trim.rate * cycle"),
     ("feel/model.py", "    jam: Jam = Jam()\n", ""),
     ("control/plc.py", "COMMAND_POSITION, COMMAND_VELOCITY", "COMMAND_VELOCITY, COMMAND_POSITION"),
     ("plant/motor.py", "return 0.0", "return 1.0"),

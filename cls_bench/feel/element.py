@@ -134,25 +134,41 @@ def edge(piece: Any, seat: int, at: float) -> bool:
 
 
 @compiled
+def ends_below(piece: Any, a: float, b: float, c: float, d: float, e: float) -> None:
+    """End the piece where a φ + b φ̇ + c φ_aft + d φ̇_aft + e falls below 0."""
+    k = piece.conditions
+    piece.condition[k, 0], piece.condition[k, 1] = a, b
+    piece.condition[k, 2], piece.condition[k, 3] = c, d
+    piece.condition[k, 4] = e
+    piece.conditions = k + 1
+
+
+@compiled
 def condition(piece: Any, seat: int, of_angle: float, of_velocity: float, constant: float) -> None:
     """End the piece where of_angle · φ + of_velocity · φ̇ + constant of a body falls below 0."""
-    row = piece.conditions
-    for k in range(5):
-        piece.condition[row, k] = 0.0
-    piece.condition[row, 2 * seat] = of_angle
-    piece.condition[row, 2 * seat + 1] = of_velocity
-    piece.condition[row, 4] = constant
-    piece.conditions = row + 1
+    if seat == COLUMN:
+        ends_below(piece, of_angle, of_velocity, 0.0, 0.0, constant)
+    else:
+        ends_below(piece, 0.0, 0.0, of_angle, of_velocity, constant)
 
 
 @compiled
 def condition_apart(piece: Any, of_angle: float, of_velocity: float, constant: float) -> None:
     """As :func:`condition`, of the difference of the bodies, column less aft."""
-    row = piece.conditions
-    piece.condition[row, 0], piece.condition[row, 1] = of_angle, of_velocity
-    piece.condition[row, 2], piece.condition[row, 3] = -of_angle, -of_velocity
-    piece.condition[row, 4] = constant
-    piece.conditions = row + 1
+    ends_below(piece, of_angle, of_velocity, -of_angle, -of_velocity, constant)
+
+
+@compiled
+def within(value: float, most: float) -> float:
+    """``value`` within ±``most``."""
+    return min(max(value, -most), most)
+
+
+@compiled
+def ramped(level: float, wanted: float, full: float, time: float, cycle: float) -> float:
+    """What becomes of ``level`` in a ``cycle`` [s] on its way to ``wanted``, at ``full`` in ``time`` [s]; 0 is at once.
+    """
+    return level + within(wanted - level, full / time * cycle) if time > 0.0 else wanted
 
 
 @compiled

@@ -20,7 +20,7 @@ import math
 from typing import Any
 
 from cls_bench.compiled import compiled
-from cls_bench.feel.element import MOMENT, NUDGE, TERMS, condition
+from cls_bench.feel.element import MOMENT, NUDGE, TERMS, condition, ends_below
 from cls_bench.feel.model import act, each_cycle, forget, show
 
 PIECES = 1 << 20
@@ -92,14 +92,26 @@ def _look(feel: Any, state: Any, piece: Any) -> None:
 
 
 @compiled
+def _own(piece: Any, i: int) -> float:
+    """Torque [N·m] on a body at rest, but for friction and the linkage."""
+    own = piece.torque[i] - piece.stiffness[i] * piece.angle[i] - piece.offset[i]
+    if piece.sine[i] != 0.0:
+        own -= piece.sine[i] * math.sin(piece.sine_wave[i] * (piece.angle[i] - piece.sine_centre[i]))
+    return float(own)
+
+
+@compiled
+def _link(piece: Any, apart: float, rate: float) -> float:
+    """Torque [N·m] of the linkage on the aft body, by the bodies' difference."""
+    return float(piece.link_stiffness * apart + piece.link_damping * rate + piece.link_offset)
+
+
+@compiled
 def _net(piece: Any, i: int) -> float:
     """Torque [N·m] on a body at rest, but for friction."""
-    net = piece.torque[i] - piece.stiffness[i] * piece.angle[i] - piece.offset[i]
-    if piece.sine[i] != 0.0:
-        net -= piece.sine[i] * math.sin(piece.sine_wave[i] * (piece.angle[i] - piece.sine_centre[i]))
+    net = _own(piece, i)
     if piece.aft == 1:
-        apart, rate = piece.angle[0] - piece.angle[1], piece.velocity[0] - piece.velocity[1]
-        link = piece.link_stiffness * apart + piece.link_damping * rate + piece.link_offset
+        link = _link(piece, piece.angle[0] - piece.angle[1], piece.velocity[0] - piece.velocity[1])
         net += link if i == 1 else -link
     return float(net)
 
@@ -253,16 +265,6 @@ def _acceleration(piece: Any, i: int, share: float, terms: int, time: float) -> 
 
 
 @compiled
-def _row(piece: Any, a: float, b: float, c: float, d: float, e: float) -> None:
-    """One more event: where a φ + b φ̇ + c φ_aft + d φ̇_aft + e falls below 0."""
-    row = piece.conditions
-    piece.condition[row, 0], piece.condition[row, 1] = a, b
-    piece.condition[row, 2], piece.condition[row, 3] = c, d
-    piece.condition[row, 4] = e
-    piece.conditions = row + 1
-
-
-@compiled
 def _events(piece: Any, last: int) -> int:
     """Put all events of the piece beside the elements' own; returns the first of the bodies' own.
 
@@ -274,27 +276,25 @@ def _events(piece: Any, last: int) -> int:
             if piece.way[i] == 0.0 and piece.held[i] == 0:  # the other body may tear it away
                 k, d = piece.link_stiffness, piece.link_damping
                 sign = 1.0 if i == 1 else -1.0
-                own = piece.torque[i] - piece.stiffness[i] * piece.angle[i] - piece.offset[i] + sign * piece.link_offset
-                if piece.sine[i] != 0.0:
-                    own -= piece.sine[i] * math.sin(piece.sine_wave[i] * (piece.angle[i] - piece.sine_centre[i]))
+                own = _own(piece, i) + sign * piece.link_offset
                 for side in (1.0, -1.0):
                     s = side * sign
-                    _row(piece, -s * k, -s * d, s * k, s * d, piece.static[i] - side * own)
+                    ends_below(piece, -s * k, -s * d, s * k, s * d, piece.static[i] - side * own)
         if piece.high[2] < math.inf:
-            _row(piece, -1.0, 0.0, 1.0, 0.0, piece.high[2])
+            ends_below(piece, -1.0, 0.0, 1.0, 0.0, piece.high[2])
         if piece.low[2] > -math.inf:
-            _row(piece, 1.0, 0.0, -1.0, 0.0, -piece.low[2])
+            ends_below(piece, 1.0, 0.0, -1.0, 0.0, -piece.low[2])
     first = piece.conditions
     for i in range(last + 1):
         a, c = (1.0, 0.0) if i == 0 else (0.0, 1.0)
         way = piece.way[i]
         behind, edge = (piece.low[i], piece.high[i]) if way >= 0.0 else (piece.high[i], piece.low[i])
         if piece.static[i] > 0.0 or way == 0.0:
-            _row(piece, 0.0, way * a, 0.0, way * c, 0.0)
+            ends_below(piece, 0.0, way * a, 0.0, way * c, 0.0)
         else:
-            _row(piece, way * a, 0.0, way * c, 0.0, -way * behind if abs(behind) < math.inf else math.inf)
+            ends_below(piece, way * a, 0.0, way * c, 0.0, -way * behind if abs(behind) < math.inf else math.inf)
         reachable = way != 0.0 and abs(edge) < math.inf
-        _row(piece, -way * a, 0.0, -way * c, 0.0, way * edge if reachable else math.inf)
+        ends_below(piece, -way * a, 0.0, -way * c, 0.0, way * edge if reachable else math.inf)
     return int(first)
 
 
@@ -408,9 +408,8 @@ def step(feel: Any, state: Any, piece: Any, torque: float, time: float, cycle: f
             break
     if last == 1:
         state.seat_angle, state.seat_velocity = state.aft_angle, state.aft_velocity
-        apart, apart_rate = state.angle - state.aft_angle, state.velocity - state.aft_velocity
-        link = piece.link_stiffness * apart + piece.link_damping * apart_rate + piece.link_offset
-        state.surface.cable_torque = link
+        apart, rate = state.angle - state.aft_angle, state.velocity - state.aft_velocity
+        state.surface.cable_torque = _link(piece, apart, rate)
     else:
         state.aft_angle, state.aft_velocity = state.angle, state.velocity
         state.aft_acceleration = state.acceleration

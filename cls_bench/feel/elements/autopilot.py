@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from cls_bench.compiled import compiled
-from cls_bench.feel.element import MOMENT, Element, condition, damper, push, restore, spring
+from cls_bench.feel.element import MOMENT, Element, condition, damper, push, restore, spring, within
 from cls_bench.quantity import WIDEST, quantity
 
 
@@ -28,8 +28,7 @@ def _each_cycle(feel: Any, state: Any, time: float, cycle: float) -> None:
         s.engaged, s.reference = 1.0, state.seat_angle
     before = s.reference
     if k.rate > 0.0:
-        step = k.rate * cycle
-        s.reference += min(max(k.reference - s.reference, -step), step)
+        s.reference += within(k.reference - s.reference, k.rate * cycle)
         s.rate = (s.reference - before) / cycle
     else:
         s.reference, s.rate = k.reference, 0.0
@@ -69,7 +68,7 @@ def _show(feel: Any, state: Any) -> None:
     torque = 0.0
     if k.engaged and s.engaged != 0.0:
         asked = k.stiffness * (s.reference - state.seat_angle) + k.damping * (s.rate - state.seat_velocity)
-        torque = min(max(asked, -k.clutch), k.clutch)
+        torque = within(asked, k.clutch)
     state.surface.autopilot_torque = torque + k.torque
 
 

@@ -3,7 +3,7 @@
 from typing import Any
 
 from cls_bench.compiled import compiled
-from cls_bench.feel.element import Element, saturating
+from cls_bench.feel.element import Element, saturating, within
 from cls_bench.feel.elements.hydraulics import of_feel_unit
 from cls_bench.quantity import quantity
 
@@ -21,7 +21,7 @@ def _show(feel: Any, state: Any) -> None:
     if not feel.trim.released:
         unit = feel.centering
         torque = unit.stiffness * (state.seat_angle - state.trim.zero)
-        state.surface.feel_torque += of_feel_unit(feel) * min(max(torque, -unit.breakout), unit.breakout)
+        state.surface.feel_torque += of_feel_unit(feel) * within(torque, unit.breakout)
 
 
 class Centering(Element):

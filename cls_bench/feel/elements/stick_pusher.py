@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from cls_bench.compiled import compiled
-from cls_bench.feel.element import COLUMN, Element, push
+from cls_bench.feel.element import COLUMN, Element, push, ramped
 from cls_bench.quantity import quantity
 
 
@@ -19,11 +19,8 @@ def _each_cycle(feel: Any, state: Any, time: float, cycle: float) -> None:
         s.since += cycle
     if k.torque != 0.0:
         s.full = abs(k.torque)
-    if k.ramp > 0.0:
-        step = s.full / k.ramp * cycle  # of the last torque that was asked for: it falls when that is taken away
-        s.level += min(max(wanted - s.level, -step), step)
-    else:
-        s.level = wanted
+    # At the pace of the last torque that was asked for: it falls when that is taken away.
+    s.level = ramped(s.level, wanted, s.full, k.ramp, cycle)
     push(state, COLUMN, s.level)
 
 

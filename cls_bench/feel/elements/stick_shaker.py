@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from cls_bench.compiled import compiled
-from cls_bench.feel.element import COLUMN, Element, push
+from cls_bench.feel.element import COLUMN, Element, push, ramped
 from cls_bench.quantity import quantity
 
 
@@ -18,11 +18,8 @@ def _each_cycle(feel: Any, state: Any, time: float, cycle: float) -> None:
         wanted = 0.0
     if k.torque > 0.0:
         s.full = k.torque
-    if k.ramp > 0.0:
-        step = s.full / k.ramp * cycle  # of the last amplitude that was asked for: it falls when that is taken away
-        s.level += min(max(wanted - s.level, -step), step)
-    else:
-        s.level = wanted
+    # At the pace of the last amplitude that was asked for: it falls when that is taken away.
+    s.level = ramped(s.level, wanted, s.full, k.ramp, cycle)
     if s.level > 0.0:
         push(state, COLUMN, s.level * math.sin(2.0 * math.pi * s.phase))
     s.phase = (s.phase + k.frequency * cycle) % 1.0

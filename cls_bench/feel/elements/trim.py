@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from cls_bench.compiled import compiled
-from cls_bench.feel.element import Element, damper
+from cls_bench.feel.element import Element, damper, within
 from cls_bench.quantity import quantity
 
 
@@ -22,8 +22,7 @@ def _each_cycle(feel: Any, state: Any, time: float, cycle: float) -> None:
         s.position = feel.neutral
         s.begun = 1.0
     else:
-        step = trim.rate * cycle
-        s.position += min(max(feel.neutral - s.position, -step), step)
+        s.position += within(feel.neutral - s.position, trim.rate * cycle)
     if trim.released:
         s.offset = state.seat_angle - s.position
     s.zero = s.position + s.offset
