@@ -9,9 +9,9 @@ import pytest
 from scipy.linalg import expm
 
 from cls_bench.analysis import free_response
-from cls_bench.analysis.feel_laws import Laws
 from cls_bench.analysis.free_response import damping, expected_response, forward_inertia, part60
 from cls_bench.analysis.quasi_static import Led
+from cls_bench.feel_laws import Laws
 from cls_bench.parameters import Parameters
 from cls_bench.parameters.override import override
 from tests.feel_solver import MODELS, TWO, Model

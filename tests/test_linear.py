@@ -9,9 +9,9 @@ import math
 import numpy as np
 import pytest
 
-from cls_bench.analysis.feel_laws import Laws
 from cls_bench.analysis.quasi_static import balanced
 from cls_bench.errors import InputError
+from cls_bench.feel_laws import Laws
 from cls_bench.linear.bench import LinearBench, winding
 from cls_bench.linear.cycle import Compensation, _answer
 from cls_bench.linear.hand import Hand, forward_inertia

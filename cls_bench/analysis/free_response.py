@@ -1,7 +1,7 @@
 """Free response of the column after release: the expected one by an independent solution, and the Part 60 tolerances.
 
 Expected is Eq. 3.15 of the thesis with all elements of the feel model, as one body or two, solved here by scipy, apart
-from the controller's own code (the laws are :mod:`cls_bench.analysis.feel_laws`). The column's body has the inertia,
+from the controller's own code (the laws are :mod:`cls_bench.feel_laws`). The column's body has the inertia,
 damping and friction of the feel model and of all that is forward of the load cell::
 
     (I_fcs + I_fwd) φ̈ + (d_fcs + d_fwd) φ̇ + springs, limits, linkage … + friction = T
@@ -18,8 +18,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cls_bench.analysis.feel_laws import AFT, COLUMN, Laws
 from cls_bench.analysis.quasi_static import Led
+from cls_bench.feel_laws import AFT, COLUMN, Laws
 from cls_bench.parameters import Parameters
 
 Array = NDArray[np.float64]

@@ -13,7 +13,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from cls_bench.analysis.feel_laws import AFT, COLUMN, Laws
+from cls_bench.feel_laws import AFT, COLUMN, Laws
 from cls_bench.parameters import Feel
 from cls_bench.quantity import WIDEST
 

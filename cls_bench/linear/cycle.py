@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from cls_bench.analysis.feel_laws import COLUMN, Laws
 from cls_bench.analysis.quasi_static import balanced
+from cls_bench.feel_laws import COLUMN, Laws
 from cls_bench.linear.forms import Forms, Lifted, delayed
 from cls_bench.linear.linkage import Levers, four_bar
 from cls_bench.linear.plant import MOTOR, Plant

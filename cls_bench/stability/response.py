@@ -26,11 +26,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cls_bench.analysis.feel_laws import AFT, Laws
 from cls_bench.analysis.frequency import FrequencyResponse
 from cls_bench.analysis.quasi_static import balanced
 from cls_bench.bench import Bench
 from cls_bench.errors import InputError, TrippedError
+from cls_bench.feel_laws import AFT, Laws
 from cls_bench.linear.bench import LinearBench
 from cls_bench.linear.hand import Hand
 from cls_bench.linear.prediction import HIGHEST
