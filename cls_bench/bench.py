@@ -306,9 +306,8 @@ class Bench:
             check_step(self._stepped(parameters))
             lines += [value_line(key, new, info["unit"]) for key, new, info in found] if said is None else []
             lines += [said] if said else []
-            for key, _, _ in found:
-                if self._following.pop((axis, key), None) is not None:
-                    self._take_up()
+            if any([self._following.pop((axis, key), None) is not None for key, _, _ in found]):
+                self._take_up()
             self._apply(changed, parameters)
         if mode is not None:
             state_record.servo.mode = servo.MODES.index(mode)
@@ -482,16 +481,14 @@ class Bench:
 
     def _leave_behind(self) -> None:
         """Follow no course any more that has come to its end, and whose value has arrived there."""
-        over = []
-        for (axis, key), (place, found) in self._following.items():
-            last = found.pieces[-1]
-            if found.end < self._tick and self._words[place.axis, place.word] == last["end"]:
-                over.append((axis, key))
+        over = [
+            name for name, (place, found) in self._following.items()
+            if found.end < self._tick and self._words[place.axis, place.word] == found.pieces[-1]["end"]
+        ]  # fmt: skip
         if over:
-            for axis, key in over:
-                self._now(axis)
-                del self._following[axis, key]
-            for axis in self._built:
+            for found in over:
+                del self._following[found]
+            for axis in self._built:  # where they have come to is read once more, and then they count as moved no more
                 self._now(axis)
             self._take_up()
 

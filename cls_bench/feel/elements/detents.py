@@ -49,12 +49,11 @@ def _act(feel: Any, state: Any, piece: Any) -> None:
 class Detents(Element):
     """Detents at some places, a value of each list for each."""
 
-    place: Table = table("rad", "where they are", "none unless a control has them", 32,
-                                     gt=-WIDEST, lt=WIDEST, live=True)  # fmt: skip
-    width: Table = table("rad", "over how much they are felt", "none unless a control has them", 32,
-                                     ge=1e-4, lt=WIDEST, live=True)  # fmt: skip
-    torque: Table = table("N·m", "peak torque", "none unless a control has them", 32, ge=0, le=1e3,
-                                      live=True)  # fmt: skip
+    place: Table = table("rad", "where they are", "none unless a control has them", 32, gt=-WIDEST, lt=WIDEST,
+                         live=True)  # fmt: skip
+    width: Table = table("rad", "over how much they are felt", "none unless a control has them", 32, ge=1e-4,
+                         lt=WIDEST, live=True)  # fmt: skip
+    torque: Table = table("N·m", "peak torque", "none unless a control has them", 32, ge=0, le=1e3, live=True)
     profile: Table = table(
         "1", "torque over the width as shares of the peak, at equal distances; none is a sine, thesis figure 3.29",
         "thesis 3.5.2", 32, ge=-1, le=1, live=True,
