@@ -110,7 +110,7 @@ class _Released:
                 break
             events, bodies = self._events(ways)
             piece = solve_ivp(
-                self._rate(ways), (now, float(times[-1])), y, self._method(y), events=events, rtol=1e-8, atol=1e-10,
+                self._rate(ways), (now, float(times[-1])), y, self._method(y), events=events, rtol=1e-10, atol=1e-12,
                 max_step=0.01, dense_output=True,
             )  # fmt: skip
             inside = (times >= now) & (times <= piece.t[-1])
