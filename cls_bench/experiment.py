@@ -215,12 +215,13 @@ def run(
     failure: BenchError | None = None
     events: list[Event] = []
     simulated, recorder = 0.0, None
+    info = run_info(scenario, bench, about)  # before a name is claimed: a process killed meanwhile leaves no empty file
     try:
         # A signal is noted while the files are open, and raised between two blocks.
         with (
             interrupts.held(),
             Recorder(
-                _claimed(Path(out), scenario, rerun=rerun), run_info(scenario, bench, about), rerun=rerun,
+                _claimed(Path(out), scenario, rerun=rerun), info, rerun=rerun,
                 topics=topics, poses=scenario.record.poses,
             ) as recorder,
         ):  # fmt: skip
